@@ -1,0 +1,63 @@
+# `make` lists the targets. Everything runs in .venv, which `make setup` builds from constraints.txt.
+
+PYTHON ?= python3
+SUITE ?= quick
+SEEDS ?= 5
+WORKERS ?= 2
+
+BIN := .venv/bin
+STAMP := .venv/installed
+PACKAGES := baselines benchmark_envs results sb3_nmp
+PYTEST := $(BIN)/pytest -n auto --maxprocesses $(WORKERS)
+
+.DEFAULT_GOAL := help
+.PHONY: help setup bench test test-slow check format clean distclean
+
+help: ## list the targets
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
+
+setup: $(STAMP) ## install the pinned environment in .venv (again when pyproject or constraints change)
+
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	    echo "Python 3.11 or newer is needed, but '$(PYTHON)' is" \
+	        "$$($(PYTHON) --version 2>&1). Name another: make PYTHON=python3.12 setup" >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+	    echo "'$(PYTHON)' cannot create virtual environments." \
+	        "On Debian: apt-get install python3-venv" >&2; exit 1; }
+	@echo "Installing the pinned packages in .venv (a minute or more)."
+	@$(PYTHON) -m venv .venv
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+	@echo "Installed in .venv."
+
+# One thread a process: the runs themselves are spread over the cores.
+bench test test-slow: export OMP_NUM_THREADS = 1
+
+bench: setup ## run the quick suite over 5 seeds, then print its table and draw its plots
+	$(BIN)/nmp-bench run --suite $(SUITE) --seeds $(SEEDS)
+	$(BIN)/nmp-bench table --suite $(SUITE)
+	$(BIN)/nmp-bench plot --suite $(SUITE)
+	@echo "Runs, table and plots: results/runs/$(SUITE)"
+
+test: setup ## tests and doctests, without the slow ones
+	$(PYTEST)
+
+test-slow: setup ## the slow, statistical tests alone
+	$(PYTEST) -m slow
+
+check: setup ## ruff (lint and format) and pyright
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/pyright --warnings
+
+format: setup ## mend what ruff can mend
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+clean: ## remove caches and build artefacts (never results/runs)
+	rm -rf build dist .hypothesis .pytest_cache .ruff_cache *.egg-info
+	find $(PACKAGES) tests -type d -name __pycache__ -prune -exec rm -rf {} +
+
+distclean: clean ## clean, and remove .venv too
+	rm -rf .venv

@@ -1,0 +1,30 @@
+"""Trajectory-bandit tasks in MuJoCo; importing this package registers them with Gymnasium."""
+
+from benchmark_envs.exceptions import (
+    InvalidContextError,
+    InvalidTrajectoryError,
+    RenderingUnavailableError,
+    TaskError,
+    UnknownTaskError,
+)
+from benchmark_envs.registry import make_task, register_task, task_ids
+from benchmark_envs.task import Rollouts, Task
+from benchmark_envs.tasks import BottlesTask
+from benchmark_envs.trajectory_env import TrajectoryEnv
+from benchmark_envs.trajectory_vec_env import TrajectoryVecEnv
+
+__all__ = [
+    "BottlesTask",
+    "InvalidContextError",
+    "InvalidTrajectoryError",
+    "RenderingUnavailableError",
+    "Rollouts",
+    "Task",
+    "TaskError",
+    "TrajectoryEnv",
+    "TrajectoryVecEnv",
+    "UnknownTaskError",
+    "make_task",
+    "register_task",
+    "task_ids",
+]

@@ -1,0 +1,24 @@
+"""What can go wrong when a task is asked for or a rollout is run.
+
+Each message names the offending value, the rule it breaks and the alternatives that exist.
+"""
+
+
+class TaskError(ValueError):
+    """Base class: a task, its settings, a context or a trajectory is not usable as given."""
+
+
+class UnknownTaskError(TaskError):
+    """No task is registered under that id."""
+
+
+class InvalidContextError(TaskError):
+    """A context has the wrong shape, holds a non-finite value or lies outside the context space."""
+
+
+class InvalidTrajectoryError(TaskError):
+    """A trajectory has the wrong shape or holds a non-finite value."""
+
+
+class RenderingUnavailableError(RuntimeError):
+    """No off-screen OpenGL renderer could be started on this machine."""

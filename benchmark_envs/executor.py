@@ -1,0 +1,130 @@
+"""The batched MuJoCo executor: many open-loop rollouts of one model in C threads."""
+
+import os
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco.rollout import Rollout
+from numpy.typing import NDArray
+
+from benchmark_envs.task import BoolArray, FloatArray
+
+#: rollouts handed to MuJoCo at once: enough to keep the threads busy, few enough to bound memory
+CHUNK = 64
+
+
+def available_cores() -> int:
+    """Return the number of cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@dataclass(frozen=True)
+class SensorLog:
+    """What the sensors read in a batch of N rollouts, every ``substeps`` simulation steps.
+
+    :param readings: by sensor name, shape (N, T, size of the sensor)
+    :param peaks: by sensor name, the largest value since the last time point, same shapes
+    :param diverged: MuJoCo gave up or a value is not finite, shape (N,)
+    """
+
+    readings: dict[str, FloatArray]
+    peaks: dict[str, FloatArray]
+    diverged: BoolArray
+
+
+class BatchExecutor:
+    """Runs batches of control sequences on one model, with a thread pool that is reused.
+
+    Every rollout starts with a zero warm-start, so its outcome depends neither on the batch it is
+    in nor on the number of threads. A divergence shows in the model's ``clock`` sensor: MuJoCo
+    ends a rollout at its first warning and repeats the last reading, so its clock stands still.
+
+    :param model: must have a sensor of type ``clock`` that is named ``clock``
+    :param substeps: simulation steps from one time point to the next
+    :param n_threads: of the pool; 0 runs in the calling thread, by default one a core
+    """
+
+    def __init__(self, model: mujoco.MjModel, substeps: int, n_threads: int | None = None) -> None:
+        self.model = model
+        self.substeps = substeps
+        self.n_threads = available_cores() if n_threads is None else n_threads
+        self._pool: Rollout | None = None
+        self._data: list[mujoco.MjData] = []
+
+    def _rollout(self, states: FloatArray, controls: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the physics states and sensor readings at every step, (N, T * substeps, *)."""
+        if self._pool is None:
+            self._pool = Rollout(nthread=self.n_threads if self.n_threads > 1 else 0)
+            self._data = [mujoco.MjData(self.model) for _ in range(max(1, self.n_threads))]
+        return self._pool.rollout(self.model, self._data, states, controls)
+
+    def run(self, states: FloatArray, controls: FloatArray) -> SensorLog:
+        """Run N rollouts.
+
+        :param states: initial full physics states (`initial_state`), shape (N, nstate)
+        :param controls: for every simulation step, shape (N, T * substeps, nu)
+        """
+        logs = [
+            self._sensors(self._rollout(states[i : i + CHUNK], controls[i : i + CHUNK])[1])
+            for i in range(0, len(states), CHUNK)
+        ]
+        return SensorLog(
+            readings={k: np.concatenate([log.readings[k] for log in logs]) for k in logs[0].readings},
+            peaks={k: np.concatenate([log.peaks[k] for log in logs]) for k in logs[0].peaks},
+            diverged=np.concatenate([log.diverged for log in logs]),
+        )
+
+    def states(self, state: FloatArray, controls: FloatArray) -> FloatArray:
+        """Run one rollout and return its full physics states at the time points.
+
+        :param state: shape (nstate,)
+        :param controls: shape (T * substeps, nu)
+        :return: shape (T, nstate)
+        """
+        return self._rollout(state[None], controls[None])[0][0, self.substeps - 1 :: self.substeps]
+
+    def _sensors(self, data: NDArray[np.float64]) -> SensorLog:
+        n, steps, _ = data.shape
+        blocks = data.reshape(n, steps // self.substeps, self.substeps, -1)
+        last, peak = blocks[:, :, -1], blocks.max(axis=2)
+        readings: dict[str, FloatArray] = {}
+        peaks: dict[str, FloatArray] = {}
+        for i in range(self.model.nsensor):
+            sensor = self.model.sensor(i)
+            columns = slice(int(sensor.adr[0]), int(sensor.adr[0] + sensor.dim[0]))
+            readings[sensor.name], peaks[sensor.name] = last[:, :, columns], peak[:, :, columns]
+        expected = (steps - 0.5) * self.model.opt.timestep
+        stopped = ~(readings["clock"][:, -1, 0] >= expected - self.model.opt.timestep)
+        return SensorLog(readings, peaks, stopped | ~np.isfinite(data).all(axis=(1, 2)))
+
+
+def initial_state(model: mujoco.MjModel, qpos: FloatArray) -> FloatArray:
+    """Return the full physics state, at rest, for given joint positions.
+
+    :param qpos: shape (nq,)
+    :return: shape (nstate,)
+    """
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    full = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    state = np.empty(mujoco.mj_stateSize(model, full))
+    mujoco.mj_getState(model, data, state, full)
+    return state
+
+
+def interpolate(start: FloatArray, trajectories: FloatArray, substeps: int) -> FloatArray:
+    """Interpolate set-points linearly to simulation steps; a zero-order hold kicks contacts.
+
+    :param start: where the robot is before the first set-point, shape (N, D) or (D,)
+    :param trajectories: shape (N, T, D)
+    :param substeps: simulation steps a time point
+    :return: shape (N, T * substeps, D); step ``(t + 1) * substeps - 1`` holds set-point t
+    """
+    n, _, d = trajectories.shape
+    first = np.broadcast_to(start, (n, d))[:, None]
+    before = np.concatenate([first, trajectories[:, :-1]], axis=1)[:, :, None]
+    blend = (np.arange(1, substeps + 1) / substeps)[:, None]
+    return (before + blend * (trajectories[:, :, None] - before)).reshape(n, -1, d)

@@ -1,0 +1,61 @@
+"""The list of tasks: one line beside each task's definition puts it here and into Gymnasium."""
+
+import difflib
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import gymnasium as gym
+
+from benchmark_envs.exceptions import TaskError, UnknownTaskError
+from benchmark_envs.task import Task
+
+T = TypeVar("T", bound=type[Task])
+
+_TASKS: dict[str, type[Task]] = {}
+
+
+def register_task(task_id: str) -> Callable[[T], T]:
+    """Class decorator: register a task here and its `TrajectoryEnv` with Gymnasium.
+
+    :param task_id: such as ``"nmp/Bottles-v0"``
+    """
+
+    def register(task_class: T) -> T:
+        _TASKS[task_id] = task_class
+        gym.register(
+            id=task_id,
+            entry_point="benchmark_envs.trajectory_env:TrajectoryEnv",
+            kwargs={"task": task_id},
+        )
+        return task_class
+
+    return register
+
+
+def task_ids() -> list[str]:
+    """Return the ids of all registered tasks."""
+    return sorted(_TASKS)
+
+
+def make_task(task_id: str, **settings: Any) -> Task:  # noqa: ANN401
+    """Build a task.
+
+    :param task_id: one of `task_ids`
+    :param settings: the task's own constructor arguments
+    :raises UnknownTaskError: no task of that id
+    :raises TaskError: the task has no such setting
+    """
+    if task_id not in _TASKS:
+        close = difflib.get_close_matches(task_id, _TASKS, n=1, cutoff=0.5)
+        hint = f" Did you mean '{close[0]}'?" if close else ""
+        raise UnknownTaskError(
+            f"no task '{task_id}' is registered.{hint} There are: {', '.join(task_ids())}."
+        )
+    task_class = _TASKS[task_id]
+    unknown = sorted(set(settings) - set(task_class.setting_names()))
+    if unknown:
+        raise TaskError(
+            f"{task_id} has no setting '{unknown[0]}'; it has: "
+            f"{', '.join(task_class.setting_names()) or 'none'}."
+        )
+    return task_class(**settings)

@@ -1,0 +1,42 @@
+"""Off-screen pictures of physics states."""
+
+import os
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark_envs.exceptions import RenderingUnavailableError
+from benchmark_envs.task import FloatArray
+
+
+def draw(
+    model: mujoco.MjModel, states: FloatArray, camera: str, width: int, height: int
+) -> list[NDArray[np.uint8]]:
+    """Draw each physics state from a named camera.
+
+    :param states: full physics states, shape (K, nstate)
+    :param camera: its name in the model
+    :param width: of the picture, in pixels
+    :param height: of the picture, in pixels
+    :return: K pictures of shape (height, width, 3)
+    :raises RenderingUnavailableError: no off-screen renderer on this machine
+    """
+    try:
+        renderer = mujoco.Renderer(model, height, width)
+    except Exception as error:  # each OpenGL platform raises its own kinds
+        backend = os.environ.get("MUJOCO_GL", "not set")
+        raise RenderingUnavailableError(
+            f"no off-screen renderer could be started (MUJOCO_GL is {backend}): {error}. Set "
+            "MUJOCO_GL=egl with a GPU driver, or install libosmesa6 and set MUJOCO_GL=osmesa "
+            "before Python starts. Everything but rendering works without."
+        ) from error
+    data = mujoco.MjData(model)
+    pictures: list[NDArray[np.uint8]] = []
+    with renderer:
+        for state in states:
+            mujoco.mj_setState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+            mujoco.mj_forward(model, data)
+            renderer.update_scene(data, camera)
+            pictures.append(renderer.render().copy())
+    return pictures

@@ -1,0 +1,279 @@
+"""`nmp/Bottles-v0`: pass between two bottles without touching them (thesis 6.2.3, Eq. 6.4).
+
+The hand holds a bottle and travels from the start to the goal, with two bottles standing on the
+straight line in between. The path must cross that line between them: an S or a reverse S.
+"""
+
+import math
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, ClassVar
+
+import mujoco
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import ArrayLike, NDArray
+
+from benchmark_envs.exceptions import TaskError
+from benchmark_envs.executor import BatchExecutor, SensorLog, initial_state, interpolate
+from benchmark_envs.registry import register_task
+from benchmark_envs.rendering import draw
+from benchmark_envs.task import BoolArray, FloatArray, Rollouts, Task
+
+T = 200
+START = np.array([0.5, -0.4])  # m
+GOAL = np.array([0.5, 0.4])  # m
+BOTTLES = np.array([0.5, -0.2, 0.5, 0.0])  # m; the thesis's positions
+SUM_OF_RADII = 0.065  # m; of a bottle (0.03) and the hand (0.035)
+BOTTLE_HEIGHT = 0.18  # m
+WORKSPACE = np.array([[0.1, -0.6], [0.9, 0.6]])  # m; low and high corner
+SUBSTEPS = 2  # of 5 ms: a rollout lasts 2 s
+FRAMES_PER_ROLLOUT = 50  # 25 a second
+GOAL_TOLERANCE = 0.02  # m
+FALLEN = math.cos(math.radians(15))  # a bottle that leans more has been knocked over
+SIDE_MARGIN = 1e-3  # m; a hand this close to the line of the bottles has not changed sides
+LONGEST = 10.0  # m; longer paths than this cost no more, so that the reward is bounded
+DOWN, NOT_CROSSED, PER_METRE = -2.0, -4.0, -0.15  # Eq. 6.4
+
+
+@register_task("nmp/Bottles-v0")
+class BottlesTask(Task):
+    """Two free-standing bottles and a hand that is a planar, servo-driven Cartesian robot.
+
+    Reward (Eq. 6.4): ``-2 N_down - 4 I - 0.15 L`` with the number of bottles touched or fallen,
+    1 if the path does not cross between the bottles, and the executed path's length in m. The
+    shortest path that solves the thesis's arrangement is 0.860 m long: the optimum is -0.129.
+    Success: no bottle down, crossed, and the hand ends within 0.02 m of the goal.
+
+    :param random_bottles: draw the bottles' positions for each context instead of the thesis's
+    :param n_threads: of the simulator; by default one a core
+    """
+
+    context_names: ClassVar[tuple[str, ...]] = (
+        "bottle 0 x [m]",
+        "bottle 0 y [m]",
+        "bottle 1 x [m]",
+        "bottle 1 y [m]",
+    )
+    trajectory_names: ClassVar[tuple[str, ...]] = ("hand x [m]", "hand y [m]")
+    modes: ClassVar[tuple[str, ...]] = ("s", "reverse_s")
+
+    def __init__(self, random_bottles: bool = False, n_threads: int | None = None) -> None:
+        self.random_bottles = random_bottles
+        self.context_space = spaces.Box(
+            np.array([0.45, -0.25, 0.45, -0.05], np.float32),
+            np.array([0.55, -0.15, 0.55, 0.10], np.float32),
+            dtype=np.float32,
+        )
+        self.trajectory_space = spaces.Box(
+            np.broadcast_to(WORKSPACE[0], (T, 2)).astype(np.float32),
+            np.broadcast_to(WORKSPACE[1], (T, 2)).astype(np.float32),
+            dtype=np.float32,
+        )
+        self.model = mujoco.MjModel.from_xml_path(str(Path(__file__).with_name("bottles.xml")))
+        self.executor = BatchExecutor(self.model, SUBSTEPS, n_threads)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The constructor's arguments that change the task."""
+        return {"random_bottles": self.random_bottles}
+
+    @property
+    def reward_range(self) -> tuple[float, float]:
+        """Both bottles down, not crossed, the longest path; and the straight line's length."""
+        return 2 * DOWN + NOT_CROSSED + PER_METRE * LONGEST, PER_METRE * (0.8 - GOAL_TOLERANCE)
+
+    def sample_context(self, rng: np.random.Generator) -> FloatArray:
+        """Return the thesis's bottle positions, or a draw with ``random_bottles``, shape (4,).
+
+        The drawn bottles stand 0.19 to 0.26 m apart, so that the gap is never narrower than
+        0.06 m for the hand's centre.
+
+        :param rng: the generator to draw from
+        """
+        if not self.random_bottles:
+            return BOTTLES.copy()
+        x = rng.uniform(0.47, 0.53, size=2)
+        y = rng.uniform(-0.24, -0.16)
+        return np.array([x[0], y, x[1], y + rng.uniform(0.19, 0.26)])
+
+    def initial_trajectory(self, context: ArrayLike) -> FloatArray:
+        """Return the straight line from start to goal, shape (T, 2) in m.
+
+        :param context: bottle positions, shape (4,) in m
+        """
+        self.check_context(context)
+        return START + np.linspace(0.0, 1.0, T)[:, None] * (GOAL - START)
+
+    def demonstrate(self, context: ArrayLike, mode: str | None = None) -> FloatArray:
+        """Return the shortest path that passes the bottles with 5 mm to spare, shape (T, 2) in m.
+
+        :param context: bottle positions, shape (4,) in m
+        :param mode: ``"s"`` passes bottle 0 at its right (larger x), ``"reverse_s"`` at its left
+        """
+        bottles = self.check_context(context).reshape(2, 2)
+        side = 1.0 if self.check_mode(mode) == "s" else -1.0
+        path = taut_path(bottles, SUM_OF_RADII + 0.005, side)
+        return resample(path, T)
+
+    def frames(
+        self, context: ArrayLike, trajectory: ArrayLike, width: int = 480, height: int = 360
+    ) -> list[NDArray[np.uint8]]:
+        """Run one rollout and draw it; see `Task.frames`.
+
+        :param context: shape (4,)
+        :param trajectory: shape (T, 2)
+        :param width: of the picture, in pixels
+        :param height: of the picture, in pixels
+        """
+        context = self.check_context(context)
+        controls = self._controls(self.check_trajectories(trajectory))[0]
+        states = self.executor.states(self._initial_state(context), controls)
+        shown = np.linspace(0, T - 1, FRAMES_PER_ROLLOUT).astype(int)
+        return draw(self.model, states[shown], "overview", width, height)
+
+    def _initial_state(self, context: FloatArray) -> FloatArray:
+        """Hand at the start, bottles upright at their places, everything at rest."""
+        qpos = self.model.qpos0.copy()
+        for name, value in (("hand_x", START[0]), ("hand_y", START[1])):
+            qpos[self.model.joint(name).qposadr[0]] = value
+        for i, bottle in enumerate(context.reshape(2, 2)):
+            address = self.model.joint(f"bottle_{i}").qposadr[0]
+            qpos[address : address + 3] = *bottle, BOTTLE_HEIGHT / 2
+        return initial_state(self.model, qpos)
+
+    def _controls(self, trajectories: FloatArray) -> FloatArray:
+        """Set-points and their rates for the servos, shape (N, T * SUBSTEPS, 4)."""
+        positions = interpolate(START, trajectories, SUBSTEPS)
+        before = np.concatenate(
+            [np.broadcast_to(START, (len(positions), 1, 2)), positions[:, :-1]], axis=1
+        )
+        return np.concatenate([positions, (positions - before) / self.model.opt.timestep], axis=2)
+
+    def _simulate(self, contexts: FloatArray, trajectories: FloatArray) -> Rollouts:
+        unique, which = np.unique(contexts, axis=0, return_inverse=True)
+        states = np.stack([self._initial_state(context) for context in unique])[which]
+        log = self.executor.run(states, self._controls(trajectories))
+        executed = np.concatenate([log.readings["hand_x"], log.readings["hand_y"]], axis=2)
+        executed[log.diverged] = trajectories[log.diverged]
+        ok = ~log.diverged
+        down = bottles_down(log)
+        crossed = crosses_between(executed, contexts.reshape(-1, 2, 2))
+        length = np.minimum(path_length(executed), LONGEST)
+        terms = {
+            "bottles_down": np.where(ok, DOWN * down, 0.0),
+            "not_crossed": np.where(ok, NOT_CROSSED * ~crossed, 0.0),
+            "length": np.where(ok, PER_METRE * length, 0.0),
+            "diverged": np.where(ok, 0.0, self.reward_range[0]),
+        }
+        at_goal = np.linalg.norm(executed[:, -1] - GOAL, axis=1) <= GOAL_TOLERANCE
+        return Rollouts(
+            contexts=contexts,
+            trajectories=trajectories,
+            executed=executed,
+            rewards=np.sum(list(terms.values()), axis=0),
+            successes=ok & (down == 0) & crossed & at_goal,
+            diverged=log.diverged,
+            clipped=np.zeros(len(ok), bool),
+            terms=terms,
+            paths={
+                f"bottle_{i}": np.nan_to_num(log.readings[f"bottle_{i}_position"]) for i in (0, 1)
+            },
+        )
+
+
+def bottles_down(log: SensorLog) -> NDArray[np.int_]:
+    """Count the bottles that were touched above their base or lean, shape (N,).
+
+    :param log: of the sensors ``bottle_{0,1}_touch`` and ``bottle_{0,1}_axis``
+    """
+    down = []
+    for i in (0, 1):
+        touched = (log.peaks[f"bottle_{i}_touch"] > 0).any(axis=(1, 2))
+        leans = (log.readings[f"bottle_{i}_axis"][:, :, 2] < FALLEN).any(axis=1)
+        down.append(touched | leans)
+    return np.sum(down, axis=0)
+
+
+def crosses_between(paths: FloatArray, bottles: FloatArray) -> BoolArray:
+    """Tell which paths change sides between the bottles an odd number of times, shape (N,).
+
+    A change of side counts where it meets the line through the bottles between their centres.
+
+    :param paths: shape (N, T, 2) in m
+    :param bottles: where they stand at the start, shape (N, 2, 2) in m
+    """
+    first, second = bottles[:, None, 0], bottles[:, None, 1]
+    distance = np.linalg.norm(second - first, axis=-1)
+    along = (second - first) / distance[..., None]
+    across = np.stack([along[..., 1], -along[..., 0]], axis=-1)
+    s = np.sum((paths - first) * along, axis=-1)
+    d = np.sum((paths - first) * across, axis=-1) - SIDE_MARGIN
+    changes = (d[:, 1:] > 0) != (d[:, :-1] > 0)
+    step = np.where(changes, d[:, 1:] - d[:, :-1], 1.0)
+    meets = s[:, :-1] - d[:, :-1] / step * (s[:, 1:] - s[:, :-1])
+    inside = changes & (meets > 0) & (meets < distance)
+    return inside.sum(axis=1) % 2 == 1
+
+
+def path_length(paths: FloatArray) -> FloatArray:
+    """Return the lengths of paths, shape (N,) in m.
+
+    :param paths: shape (N, T, 2) in m
+    """
+    return np.linalg.norm(np.diff(paths, axis=1), axis=2).sum(axis=1)
+
+
+def taut_path(bottles: FloatArray, radius: float, side: float) -> FloatArray:
+    """Return the shortest path from start to goal around both bottles, as dense points in m.
+
+    A string pulled tight: tangent, arc around bottle 0, inner tangent, arc around bottle 1,
+    tangent.
+
+    :param bottles: centres, shape (2, 2) in m
+    :param radius: distance to keep from the centres, in m
+    :param side: +1 passes bottle 0 at larger x and bottle 1 at smaller x, -1 the other way round
+    :return: shape (K, 2) in m
+    :raises TaskError: the bottles stand too close together
+    """
+    gap = bottles[1] - bottles[0]
+    distance = float(np.linalg.norm(gap))
+    if distance <= 2 * radius:
+        raise TaskError(
+            f"the bottles stand {distance:.3f} m apart, and the expert needs more than "
+            f"{2 * radius:.3f} m to pass between them."
+        )
+
+    def tangent_angle(centre: FloatArray, point: FloatArray, turn: float) -> float:
+        """Angle, seen from the centre, at which a string to the point leaves the circle."""
+        to_point = point - centre
+        return math.atan2(to_point[1], to_point[0]) + turn * math.acos(
+            min(1.0, radius / float(np.linalg.norm(to_point)))
+        )
+
+    heading = math.atan2(gap[1], gap[0])
+    inner = math.acos(2 * radius / distance)
+    angles = (
+        (tangent_angle(bottles[0], START, side), heading - side * inner),
+        (heading + math.pi - side * inner, tangent_angle(bottles[1], GOAL, side)),
+    )
+    points = [START]
+    for bottle, (begin, end), turn in zip(bottles, angles, (side, -side), strict=True):
+        sweep = (end - begin + math.pi) % (2 * math.pi) - math.pi
+        if turn * sweep < 0:  # the string does not touch this bottle
+            begin, sweep = begin + sweep / 2, 0.0
+        arc = begin + np.linspace(0.0, sweep, 50)
+        points.extend(bottle + radius * np.stack([np.cos(arc), np.sin(arc)], axis=1))
+    return np.array([*points, GOAL])
+
+
+def resample(path: FloatArray, n: int) -> FloatArray:
+    """Return n points at uniform speed along a path, shape (n, 2).
+
+    :param path: shape (K, 2)
+    :param n: how many points
+    """
+    steps = [float(np.linalg.norm(b - a)) for a, b in pairwise(path)]
+    length = np.concatenate([[0.0], np.cumsum(steps)])
+    at = np.linspace(0.0, length[-1], n)
+    return np.stack([np.interp(at, length, path[:, i]) for i in range(path.shape[1])], axis=1)

@@ -1,0 +1,124 @@
+"""`TrajectoryEnv`: a task as a Gymnasium environment whose episode is one rollout."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from benchmark_envs.exceptions import TaskError
+from benchmark_envs.registry import make_task
+from benchmark_envs.task import FloatArray, Rollouts, Task
+
+FRAMES_PER_SECOND = 25
+
+
+class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
+    """Contextual bandit: observe a context, answer with a whole trajectory, get one reward.
+
+    ``reset`` returns the context, shape (C,); ``step`` takes the trajectory, shape (T, D), and
+    always terminates. ``info`` holds ``is_success``, ``executed_trajectory`` and the reward's
+    terms (`Rollouts.info`).
+
+    :param task: a task or its id
+    :param context: pins the context of every episode, shape (C,); by default the task draws it
+    :param render_mode: ``"rgb_array_list"``: `render` returns the frames of the last rollout;
+        ``"rgb_array"``: its last frame
+    :param settings: of the task, where ``task`` is an id
+    :raises TaskError: an unknown id or setting, or a context outside the context space
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": ["rgb_array_list", "rgb_array"],
+        "render_fps": FRAMES_PER_SECOND,
+    }
+
+    def __init__(
+        self,
+        task: str | Task,
+        context: ArrayLike | None = None,
+        render_mode: str | None = None,
+        **settings: Any,  # noqa: ANN401
+    ) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise TaskError(
+                f"no render mode '{render_mode}'; there are None and "
+                f"{', '.join(self.metadata['render_modes'])}."
+            )
+        self.task = task if isinstance(task, Task) else make_task(task, **settings)
+        self.render_mode = render_mode
+        self.observation_space = self.task.context_space
+        self.action_space = self.task.trajectory_space
+        self.pinned_context = None if context is None else self.task.check_context(context)
+        self.context: FloatArray | None = None
+        self._last: Rollouts | None = None
+        self._prefetched: Rollouts | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start an episode: draw a context.
+
+        :param seed: of the generator that draws contexts
+        :param options: ``{"context": c}`` sets this episode's context, shape (C,)
+        :return: the context, shape (C,), and an empty info
+        :raises TaskError: an unknown option, or a context outside the context space
+        """
+        super().reset(seed=seed)
+        options = options or {}
+        unknown = sorted(set(options) - {"context"})
+        if unknown:
+            raise TaskError(f"no reset option '{unknown[0]}'; the only one is 'context'.")
+        if "context" in options:
+            self.context = self.task.check_context(options["context"])
+        elif self.pinned_context is not None:
+            self.context = self.pinned_context
+        else:
+            self.context = self.task.sample_context(self.np_random)
+        return self.context.astype(np.float32), {}
+
+    def step(
+        self, action: NDArray[Any]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Execute a trajectory.
+
+        :param action: shape (T, D)
+        :return: the context, the reward, True, False, and the rollout's info
+        :raises InvalidTrajectoryError: wrong shape or non-finite value
+        """
+        context = self._current_context()
+        trajectory = self.task.check_trajectories(action)[0]
+        fetched, self._prefetched = self._prefetched, None
+        if fetched is not None and np.array_equal(fetched.trajectories[0], trajectory):
+            self._last = fetched
+        else:
+            self._last = self.task.simulate(context, trajectory)
+        reward = float(self._last.rewards[0])
+        return context.astype(np.float32), reward, True, False, self._last.info(0)
+
+    def prefetch(self, rollout: Rollouts) -> None:
+        """Hand over a rollout that was simulated in a batch; `step` uses it if it fits.
+
+        :param rollout: a batch of one, made in this episode's context
+        """
+        self._prefetched = rollout
+
+    def initial_trajectory(self) -> FloatArray:
+        """Return the naive trajectory for the current context, shape (T, D)."""
+        return self.task.initial_trajectory(self._current_context())
+
+    def render(self) -> Any:  # noqa: ANN401
+        """Draw the last rollout; None without a render mode or before the first rollout.
+
+        :return: a list of pictures of shape (H, W, 3), or the last one in mode ``"rgb_array"``
+        :raises RenderingUnavailableError: no off-screen renderer on this machine
+        """
+        if self.render_mode is None or self._last is None:
+            return None
+        frames = self.task.frames(self._last.contexts[0], self._last.trajectories[0])
+        return frames if self.render_mode == "rgb_array_list" else frames[-1]
+
+    def _current_context(self) -> FloatArray:
+        if self.context is None:
+            raise TaskError("there is no context yet: call reset() before step().")
+        return self.context

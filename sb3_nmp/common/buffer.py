@@ -1,0 +1,144 @@
+"""The buffer of all rollouts that an algorithm has seen, and how rewards rank them."""
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_nmp.common.exceptions import FileFormatError, InvalidDataError
+
+FILE_KEYS = ("contexts", "trajectories", "rewards")
+
+
+class TrajectoryBuffer:
+    """Contexts, trajectories and rewards of past rollouts, oldest first.
+
+    :param context_dim: C
+    :param trajectory_shape: (T, D)
+    :param capacity: at most so many rollouts, the oldest are dropped; None keeps every rollout
+    """
+
+    def __init__(
+        self, context_dim: int, trajectory_shape: tuple[int, int], capacity: int | None = None
+    ) -> None:
+        self.capacity = capacity
+        self._contexts = np.empty((0, context_dim), np.float32)
+        self._trajectories = np.empty((0, *trajectory_shape), np.float32)
+        self._rewards = np.empty(0, np.float64)
+
+    def __len__(self) -> int:
+        """Return the number of rollouts kept."""
+        return len(self._rewards)
+
+    @property
+    def contexts(self) -> NDArray[np.float32]:
+        """Task parameters, shape (N, C)."""
+        return self._contexts
+
+    @property
+    def trajectories(self) -> NDArray[np.float32]:
+        """The trajectories as they were executed, shape (N, T, D)."""
+        return self._trajectories
+
+    @property
+    def rewards(self) -> NDArray[np.float64]:
+        """Their rewards, shape (N,)."""
+        return self._rewards
+
+    def add(
+        self,
+        contexts: NDArray[np.floating],
+        trajectories: NDArray[np.floating],
+        rewards: NDArray[np.floating],
+    ) -> None:
+        """Append rollouts.
+
+        :param contexts: shape (N, C)
+        :param trajectories: shape (N, T, D)
+        :param rewards: shape (N,)
+        :raises InvalidDataError: shapes that do not fit, or non-finite values
+        """
+        shapes = {
+            "contexts": (np.shape(contexts), (len(rewards), *self._contexts.shape[1:])),
+            "trajectories": (np.shape(trajectories), (len(rewards), *self._trajectories.shape[1:])),
+            "rewards": (np.shape(rewards), (len(rewards),)),
+        }
+        for name, (shape, expected) in shapes.items():
+            if shape != expected:
+                raise InvalidDataError(f"{name} have shape {shape}; the buffer needs {expected}.")
+        for name, values in zip(FILE_KEYS, (contexts, trajectories, rewards), strict=True):
+            if not np.isfinite(values).all():
+                raise InvalidDataError(f"{name} hold a value that is not finite (NaN or infinity).")
+        keep = slice(None if self.capacity is None else -self.capacity, None)
+        self._contexts = np.concatenate([self._contexts, contexts])[keep].astype(np.float32)
+        self._trajectories = np.concatenate([self._trajectories, trajectories])[keep].astype(
+            np.float32
+        )
+        self._rewards = np.concatenate([self._rewards, rewards])[keep]
+
+    def save(self, path: str | Path) -> None:
+        """Write the buffer as .npz, without pickled objects, in one atomic step.
+
+        :param path: of the file; its folder must exist
+        """
+        target = Path(path)
+        partial = target.with_name(f".{target.name}.partial")
+        with partial.open("wb") as file:
+            np.savez_compressed(
+                file,
+                contexts=self._contexts,
+                trajectories=self._trajectories,
+                rewards=self._rewards,
+            )
+        partial.replace(target)
+
+    def load(self, path: str | Path) -> None:
+        """Replace the content by that of a file.
+
+        :param path: of a file that `save` wrote
+        :raises FileFormatError: the file is not such a file, or holds pickled objects
+        :raises InvalidDataError: its arrays do not fit this buffer
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = [file[key] for key in FILE_KEYS]
+        except (KeyError, ValueError, zipfile.BadZipFile) as error:
+            raise FileFormatError(
+                f"{path} is not a trajectory buffer (.npz with {', '.join(FILE_KEYS)}, written by "
+                f"save_replay_buffer): {error}"
+            ) from error
+        old = self._contexts, self._trajectories, self._rewards
+        self._contexts, self._trajectories, self._rewards = (array[:0] for array in old)
+        try:
+            self.add(*arrays)
+        except InvalidDataError:
+            self._contexts, self._trajectories, self._rewards = old
+            raise
+
+
+def ranks(rewards: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Replace rewards by their rank, from -1 (worst) to 1 (best); equal rewards share a rank.
+
+    :param rewards: shape (N,)
+    :return: shape (N,); a single reward gets rank 1
+    """
+    if len(rewards) == 1:
+        return np.ones(1)
+    values, inverse, counts = np.unique(rewards, return_inverse=True, return_counts=True)
+    if len(values) == 1:
+        return np.ones(len(rewards))
+    below = np.cumsum(counts) - counts
+    middle = below + (counts - 1) / 2
+    scaled = 2 * (middle - middle[0]) / (middle[-1] - middle[0]) - 1
+    return scaled[inverse]
+
+
+def selection_weights(scores: NDArray[np.float64], temperature: float) -> NDArray[np.float64]:
+    """Return the probabilities exp(score / temperature), normalised, shape (N,).
+
+    :param scores: such as `ranks`, shape (N,)
+    :param temperature: small ones choose the best only; infinity chooses uniformly
+    """
+    weights = np.exp((scores - scores.max()) / temperature)
+    return weights / weights.sum()

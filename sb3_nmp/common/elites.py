@@ -1,0 +1,89 @@
+"""The best trajectory seen in each context, kept in the policy so that it is saved with it."""
+
+from typing import Any
+
+import numpy as np
+import torch as th
+from numpy.typing import NDArray
+from torch import nn
+
+SAME_CONTEXT = 1e-5
+
+
+class EliteMemory(nn.Module):
+    """Best trajectory and its reward for every distinct context, the most recently improved last.
+
+    :param context_dim: C
+    :param trajectory_shape: (T, D)
+    :param capacity: at most so many contexts; the longest unimproved is forgotten
+    """
+
+    contexts: th.Tensor
+    trajectories: th.Tensor
+    rewards: th.Tensor
+
+    def __init__(
+        self, context_dim: int, trajectory_shape: tuple[int, int], capacity: int = 1000
+    ) -> None:
+        super().__init__()
+        self.capacity = capacity
+        self.register_buffer("contexts", th.empty(0, context_dim))
+        self.register_buffer("trajectories", th.empty(0, *trajectory_shape))
+        self.register_buffer("rewards", th.empty(0, dtype=th.float64))
+
+    def find(self, context: th.Tensor) -> int | None:
+        """Return the index of a context's elite, None where there is none.
+
+        :param context: shape (C,)
+        """
+        if len(self.rewards) == 0:
+            return None
+        distance = (self.contexts - context).abs().amax(dim=1)
+        index = int(distance.argmin())
+        return index if float(distance[index]) <= SAME_CONTEXT else None
+
+    def update(
+        self,
+        contexts: NDArray[np.floating],
+        trajectories: NDArray[np.floating],
+        rewards: NDArray[np.floating],
+    ) -> None:
+        """Take in rollouts; each replaces its context's elite only if it is better.
+
+        :param contexts: shape (N, C)
+        :param trajectories: shape (N, T, D)
+        :param rewards: shape (N,)
+        """
+        for context, trajectory, reward in zip(contexts, trajectories, rewards, strict=True):
+            row = th.as_tensor(context, dtype=th.float32, device=self.contexts.device)
+            index = self.find(row)
+            if index is None:
+                self._append(row, trajectory, float(reward))
+            elif reward > float(self.rewards[index]):
+                keep = th.arange(len(self.rewards), device=row.device) != index
+                self._keep(keep)
+                self._append(row, trajectory, float(reward))
+
+    def _append(self, context: th.Tensor, trajectory: NDArray[np.floating], reward: float) -> None:
+        new = th.as_tensor(trajectory, dtype=th.float32, device=context.device)
+        self.contexts = th.cat([self.contexts, context[None]])
+        self.trajectories = th.cat([self.trajectories, new[None]])
+        self.rewards = th.cat([self.rewards, self.rewards.new_tensor([reward])])
+        if len(self.rewards) > self.capacity:
+            self._keep(slice(1, None))
+
+    def _keep(self, rows: th.Tensor | slice) -> None:
+        self.contexts, self.trajectories, self.rewards = (
+            self.contexts[rows],
+            self.trajectories[rows],
+            self.rewards[rows],
+        )
+
+    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *args: Any) -> None:  # noqa: ANN401
+        """Take over the saved number of contexts before PyTorch compares shapes."""
+        for name in ("contexts", "trajectories", "rewards"):
+            saved = state_dict.get(prefix + name)
+            if saved is not None:
+                buffer = getattr(self, name)
+                setattr(self, name, buffer.new_empty((len(saved), *buffer.shape[1:])))
+        super()._load_from_state_dict(state_dict, prefix, *args)

@@ -1,0 +1,13 @@
+"""What can go wrong with an algorithm's settings or data; each message names the alternatives."""
+
+
+class ConfigurationError(ValueError):
+    """An algorithm's settings do not fit each other or the environment."""
+
+
+class InvalidDataError(ValueError):
+    """Trajectories, contexts or rewards have the wrong shape or hold non-finite values."""
+
+
+class FileFormatError(ValueError):
+    """A file is not one that this library wrote."""

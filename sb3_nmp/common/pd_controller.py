@@ -1,0 +1,75 @@
+"""The PD controller through which RC-NMP executes its trajectories (thesis Eq. 6.3)."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_nmp.common.exceptions import ConfigurationError
+
+
+@dataclass(frozen=True)
+class PDController:
+    """Makes a desired trajectory smooth and pulls its end to the goal.
+
+    Eq. 6.3, with the goal g, the desired trajectory tau and the position x::
+
+        u(t) = Kp e(t) - Kd de(t)/dt
+        e(t) = lambda1(t) (g - x(t)) + lambda2(t) (tau(t) - x(t))
+
+    with lambda1 = 3 t^20 and lambda2 = 1 - t^20 for t in [0, 1]. As in the original code, de/dt is
+    the difference of successive errors, and x moves by ``duration * u / (T - 1)`` a time point.
+    Since x is linear in (tau, g, x(0)), a whole batch is filtered by one matrix product.
+
+    :param kp: proportional gain Kp
+    :param kd: gain Kd on the error's difference
+    :param duration: of the trajectory, in s
+    :raises ConfigurationError: a value outside its range
+    """
+
+    kp: float = 3.0
+    kd: float = 1.0
+    duration: float = 10.0
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        if not (self.kp > 0 and self.kd >= 0 and self.duration > 0):
+            raise ConfigurationError(
+                f"kp is {self.kp}, kd {self.kd}, duration {self.duration}; kp and duration must "
+                "be > 0 and kd >= 0."
+            )
+
+    def __call__(
+        self, desired: NDArray[np.float64], start: NDArray[np.float64], goal: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return what the controller makes of desired trajectories, shape (N, T, D).
+
+        :param desired: tau, shape (N, T, D)
+        :param start: x(0), shape (D,)
+        :param goal: g, shape (D,)
+        """
+        from_desired, from_start, from_goal = _response(self, desired.shape[1])
+        return from_desired @ desired + from_start * start + from_goal * goal
+
+
+@lru_cache(maxsize=16)
+def _response(
+    pd: PDController, n: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Run the controller on unit inputs: x = A tau + b x(0) + c g; shapes (T, T), (T, 1), (T, 1)."""
+    step = pd.duration / (n - 1)
+    times = np.linspace(0.0, 1.0, n)
+    inputs = np.eye(n, n + 2)  # columns: tau at each time point, then x(0), then g
+    goal = np.zeros(n + 2)
+    goal[n + 1] = 1.0
+    x = np.zeros((n, n + 2))
+    x[0, n] = 1.0
+    previous: NDArray[np.float64] | None = None
+    for k in range(n - 1):
+        lambda1, lambda2 = 3 * times[k] ** 20, 1 - times[k] ** 20
+        error = lambda1 * (goal - x[k]) + lambda2 * (inputs[k] - x[k])
+        change = error - (error if previous is None else previous)
+        x[k + 1] = x[k] + step * (pd.kp * error - pd.kd * change)
+        previous = error
+    return x[:, :n].copy(), x[:, n : n + 1].copy(), x[:, n + 1 :].copy()

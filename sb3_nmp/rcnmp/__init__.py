@@ -1,0 +1,2 @@
+from sb3_nmp.rcnmp.rcnmp import RCNMP
+__all__=["RCNMP"]

@@ -1,0 +1,122 @@
+"""RC-NMP's policy: the reward-conditioned neural process and the best trajectories seen."""
+
+from typing import Any
+
+import numpy as np
+import torch as th
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.type_aliases import Schedule
+from torch import nn
+
+from sb3_nmp.common.elites import EliteMemory
+from sb3_nmp.common.networks import NeuralProcess
+from sb3_nmp.common.policies import TrajectoryPolicy
+
+BEST = 1.0  # the reward on which a search is conditioned: the best rank
+
+
+class RCNMPPolicy(TrajectoryPolicy):
+    """Answers a context with the best trajectory seen in it, else with what the network proposes.
+
+    The network models trajectories as deviations from the initial trajectory ``offset``, in units
+    of the deviations' standard deviation ``scale``, both fixed when training starts.
+
+    :param observation_space: contexts, shape (C,)
+    :param action_space: trajectories, shape (T, D)
+    :param lr_schedule: learning rate of Adam
+    :param latent_dim: size of z
+    :param encoder_arch: hidden layers of the encoder
+    :param decoder_arch: hidden layers of the decoder
+    :param n_frequencies: of the time features (`TimeFeatures`)
+    :param decoder_std: of the likelihood in Eq. 6.2, in units of ``scale``
+    :param activation_fn: between the layers
+    """
+
+    offset: th.Tensor
+    scale: th.Tensor
+
+    def __init__(
+        self,
+        observation_space: spaces.Box,
+        action_space: spaces.Box,
+        lr_schedule: Schedule,
+        latent_dim: int = 4,
+        encoder_arch: tuple[int, ...] = (64, 64),
+        decoder_arch: tuple[int, ...] = (64, 64),
+        n_frequencies: int = 4,
+        decoder_std: float = 0.1,
+        activation_fn: type[nn.Module] = nn.Tanh,
+    ) -> None:
+        super().__init__(observation_space, action_space)
+        self.settings: dict[str, Any] = {
+            "latent_dim": latent_dim,
+            "encoder_arch": encoder_arch,
+            "decoder_arch": decoder_arch,
+            "n_frequencies": n_frequencies,
+            "decoder_std": decoder_std,
+            "activation_fn": activation_fn,
+        }
+        self.latent_dim = latent_dim
+        shape = self.trajectory_shape
+        self.network = NeuralProcess(
+            value_dim=shape[1],
+            condition_dim=self.context_dim + 1,
+            latent_dim=latent_dim,
+            encoder_arch=list(encoder_arch),
+            decoder_arch=list(decoder_arch),
+            n_frequencies=n_frequencies,
+            decoder_std=decoder_std,
+            activation=activation_fn,
+        )
+        self.elites = EliteMemory(self.context_dim, shape)
+        self.register_buffer("times", th.linspace(0.0, 1.0, shape[0]))
+        self.register_buffer("offset", th.zeros(shape))
+        self.register_buffer("scale", th.ones(shape[1]))
+        low, high = th.as_tensor(observation_space.low), th.as_tensor(observation_space.high)
+        self.register_buffer("context_middle", (low + high) / 2)
+        self.register_buffer("context_half_range", ((high - low) / 2).clamp(min=1e-6))
+        self.optimizer = th.optim.Adam(self.network.parameters(), lr_schedule(1), fused=True)
+
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        return super()._get_constructor_parameters() | {"lr_schedule": lambda _: 0.0} | self.settings
+
+    def condition(self, contexts: th.Tensor, rewards: th.Tensor) -> th.Tensor:
+        """Return the network's condition: contexts scaled to [-1, 1], and rewards; (B, C + 1).
+
+        :param contexts: shape (B, C)
+        :param rewards: scaled rewards, shape (B,)
+        """
+        scaled = (contexts - self.context_middle) / self.context_half_range
+        return th.cat([scaled, rewards[:, None]], dim=1)
+
+    def generate(
+        self, contexts: th.Tensor, latents: th.Tensor, reward: float = BEST
+    ) -> th.Tensor:
+        """Return the trajectories that the network proposes for a reward, shape (B, T, D).
+
+        :param contexts: shape (B, C)
+        :param latents: z, shape (B, Z)
+        :param reward: the scaled reward to condition on
+        """
+        condition = self.condition(contexts, contexts.new_full((len(contexts),), reward))
+        return self.offset + self.scale * self.network.decode(self.times, latents, condition).mean
+
+    def _predict(self, observation: th.Tensor, deterministic: bool = False) -> th.Tensor:
+        latents = observation.new_zeros((len(observation), self.latent_dim))
+        if not deterministic:
+            return self.generate(observation, th.randn_like(latents))
+        trajectories = self.generate(observation, latents)
+        for row, context in enumerate(observation):
+            elite = self.elites.find(context)
+            if elite is not None:
+                trajectories[row] = self.elites.trajectories[elite]
+        return trajectories
+
+    def normalise(self, trajectories: NDArray[np.floating]) -> th.Tensor:
+        """Return trajectories as the network's values, shape (N, T, D).
+
+        :param trajectories: shape (N, T, D)
+        """
+        raw = th.as_tensor(trajectories, dtype=th.float32, device=self.offset.device)
+        return (raw - self.offset) / self.scale
