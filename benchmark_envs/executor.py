@@ -59,7 +59,8 @@ class BatchExecutor:
         if self._pool is None:
             self._pool = Rollout(nthread=self.n_threads if self.n_threads > 1 else 0)
             self._data = [mujoco.MjData(self.model) for _ in range(max(1, self.n_threads))]
-        return self._pool.rollout(self.model, self._data, states, controls)
+        states_out, sensors = self._pool.rollout(self.model, self._data, states, controls)
+        return np.asarray(states_out), np.asarray(sensors)
 
     def run(self, states: FloatArray, controls: FloatArray) -> SensorLog:
         """Run N rollouts.
@@ -71,9 +72,10 @@ class BatchExecutor:
             self._sensors(self._rollout(states[i : i + CHUNK], controls[i : i + CHUNK])[1])
             for i in range(0, len(states), CHUNK)
         ]
+        names = logs[0].readings
         return SensorLog(
-            readings={k: np.concatenate([log.readings[k] for log in logs]) for k in logs[0].readings},
-            peaks={k: np.concatenate([log.peaks[k] for log in logs]) for k in logs[0].peaks},
+            readings={name: np.concatenate([log.readings[name] for log in logs]) for name in names},
+            peaks={name: np.concatenate([log.peaks[name] for log in logs]) for name in names},
             diverged=np.concatenate([log.diverged for log in logs]),
         )
 

@@ -241,7 +241,6 @@ class TrajectoryAlgorithm(BaseAlgorithm):
     def _learn_generation(self) -> None:
         """Let the algorithm learn from the complete generation, and close it."""
         parts, self._collected, self._generation_started = self._collected, [], False
-        self._update_learning_rate_log()
         self._end_generation(
             Generation(
                 np.concatenate([part.contexts for part in parts]),
@@ -251,9 +250,6 @@ class TrajectoryAlgorithm(BaseAlgorithm):
         )
         self._n_updates += 1
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
-
-    def _update_learning_rate_log(self) -> None:
-        self.logger.record("train/learning_rate", self.lr_schedule(self._current_progress_remaining))
 
     def _collect_generation(
         self, env: VecEnv, callback: BaseCallback, total_timesteps: int
@@ -286,7 +282,7 @@ class TrajectoryAlgorithm(BaseAlgorithm):
             rollouts = Generation(contexts, actions, np.asarray(rewards, np.float64))
             self._collected.append(rollouts)
             self._observe(rollouts)
-            self._last_obs = new_obs
+            self._last_obs = cast(NDArray[np.float32], new_obs)
             self.num_timesteps += n_envs
             self._update_info_buffer(infos, dones)
             callback.update_locals(locals())

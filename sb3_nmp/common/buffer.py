@@ -2,11 +2,12 @@
 
 import zipfile
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_nmp.common.exceptions import FileFormatError, InvalidDataError
+from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
 
 FILE_KEYS = ("contexts", "trajectories", "rewards")
 
@@ -17,15 +18,27 @@ class TrajectoryBuffer:
     :param context_dim: C
     :param trajectory_shape: (T, D)
     :param capacity: at most so many rollouts, the oldest are dropped; None keeps every rollout
+    :param n_elites: so many of the best rollouts are never dropped
+    :raises ConfigurationError: fewer places than elites, or none at all
     """
 
     def __init__(
-        self, context_dim: int, trajectory_shape: tuple[int, int], capacity: int | None = None
+        self,
+        context_dim: int,
+        trajectory_shape: tuple[int, ...],
+        capacity: int | None = None,
+        n_elites: int = 0,
     ) -> None:
+        if n_elites < 0 or (capacity is not None and capacity < max(1, n_elites)):
+            raise ConfigurationError(
+                f"a buffer of {capacity} rollouts cannot keep {n_elites} elites: the capacity must "
+                "be None or at least 1 and the number of elites, which must be >= 0."
+            )
         self.capacity = capacity
-        self._contexts = np.empty((0, context_dim), np.float32)
-        self._trajectories = np.empty((0, *trajectory_shape), np.float32)
-        self._rewards = np.empty(0, np.float64)
+        self.n_elites = n_elites
+        self._contexts: NDArray[np.float32] = np.empty((0, context_dim), np.float32)
+        self._trajectories: NDArray[np.float32] = np.empty((0, *trajectory_shape), np.float32)
+        self._rewards: NDArray[np.float64] = np.empty(0, np.float64)
 
     def __len__(self) -> int:
         """Return the number of rollouts kept."""
@@ -70,12 +83,23 @@ class TrajectoryBuffer:
         for name, values in zip(FILE_KEYS, (contexts, trajectories, rewards), strict=True):
             if not np.isfinite(values).all():
                 raise InvalidDataError(f"{name} hold a value that is not finite (NaN or infinity).")
-        keep = slice(None if self.capacity is None else -self.capacity, None)
-        self._contexts = np.concatenate([self._contexts, contexts])[keep].astype(np.float32)
-        self._trajectories = np.concatenate([self._trajectories, trajectories])[keep].astype(
-            np.float32
-        )
-        self._rewards = np.concatenate([self._rewards, rewards])[keep]
+        self._contexts = np.concatenate([self._contexts, contexts]).astype(np.float32)
+        self._trajectories = np.concatenate([self._trajectories, trajectories]).astype(np.float32)
+        self._rewards = np.concatenate([self._rewards, rewards]).astype(np.float64)
+        self._drop_oldest()
+
+    def _drop_oldest(self) -> None:
+        """Go down to the capacity, keeping the elites and, of the others, the newest."""
+        if self.capacity is None or len(self) <= self.capacity:
+            return
+        best_first = np.argsort(-self._rewards, kind="stable")
+        others = np.sort(best_first[self.n_elites :])
+        n_others = self.capacity - self.n_elites
+        newest = others[len(others) - n_others :]
+        keep = np.sort(np.concatenate([best_first[: self.n_elites], newest]))
+        self._contexts = self._contexts[keep]
+        self._trajectories = self._trajectories[keep]
+        self._rewards = self._rewards[keep]
 
     def save(self, path: str | Path) -> None:
         """Write the buffer as .npz, without pickled objects, in one atomic step.
@@ -108,13 +132,11 @@ class TrajectoryBuffer:
                 f"{path} is not a trajectory buffer (.npz with {', '.join(FILE_KEYS)}, written by "
                 f"save_replay_buffer): {error}"
             ) from error
-        old = self._contexts, self._trajectories, self._rewards
-        self._contexts, self._trajectories, self._rewards = (array[:0] for array in old)
-        try:
-            self.add(*arrays)
-        except InvalidDataError:
-            self._contexts, self._trajectories, self._rewards = old
-            raise
+        loaded = TrajectoryBuffer(
+            self._contexts.shape[1], self._trajectories.shape[1:], self.capacity, self.n_elites
+        )
+        loaded.add(*arrays)
+        self.__dict__.update(loaded.__dict__)
 
 
 def ranks(rewards: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -132,6 +154,19 @@ def ranks(rewards: NDArray[np.floating]) -> NDArray[np.float64]:
     middle = below + (counts - 1) / 2
     scaled = 2 * (middle - middle[0]) / (middle[-1] - middle[0]) - 1
     return scaled[inverse]
+
+
+def scale_rewards(
+    rewards: NDArray[np.floating], scaling: Literal["rank", "standardize"]
+) -> NDArray[np.float64]:
+    """Return rewards on a scale that a network and a temperature can be set for, shape (N,).
+
+    :param rewards: shape (N,)
+    :param scaling: ``"rank"`` (`ranks`), or ``"standardize"``: mean 0, standard deviation 1
+    """
+    if scaling == "rank":
+        return ranks(rewards)
+    return (rewards - rewards.mean()) / max(float(rewards.std()), 1e-8)
 
 
 def selection_weights(scores: NDArray[np.float64], temperature: float) -> NDArray[np.float64]:

@@ -79,7 +79,12 @@ class EliteMemory(nn.Module):
             self.rewards[rows],
         )
 
-    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *args: Any) -> None:  # noqa: ANN401
+    def _load_from_state_dict(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self,
+        state_dict: dict[str, Any],
+        prefix: str,
+        *args: Any,  # noqa: ANN401
+    ) -> None:
         """Take over the saved number of contexts before PyTorch compares shapes."""
         for name in ("contexts", "trajectories", "rewards"):
             saved = state_dict.get(prefix + name)

@@ -57,7 +57,7 @@ class PDController:
 def _response(
     pd: PDController, n: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Run the controller on unit inputs: x = A tau + b x(0) + c g; shapes (T, T), (T, 1), (T, 1)."""
+    """Return A (T, T), b (T, 1), c (T, 1) of x = A tau + b x(0) + c g, by running unit inputs."""
     step = pd.duration / (n - 1)
     times = np.linspace(0.0, 1.0, n)
     inputs = np.eye(n, n + 2)  # columns: tau at each time point, then x(0), then g

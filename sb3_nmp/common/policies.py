@@ -1,10 +1,11 @@
 """The base of all policies that answer a context with a whole trajectory."""
 
-from typing import cast
+from typing import Any, cast
 
 import torch as th
 from gymnasium import spaces
 from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.type_aliases import PyTorchObs
 
 
 class TrajectoryPolicy(BasePolicy):
@@ -21,7 +22,14 @@ class TrajectoryPolicy(BasePolicy):
         """Return C."""
         return cast(spaces.Box, self.observation_space).shape[0]
 
-    def forward(self, observation: th.Tensor, deterministic: bool = False) -> th.Tensor:
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        return {
+            "observation_space": self.observation_space,
+            "action_space": self.action_space,
+            "lr_schedule": self._dummy_schedule,  # a loaded policy is not trained further
+        }
+
+    def forward(self, observation: PyTorchObs, deterministic: bool = False) -> th.Tensor:
         """Return a trajectory for each context, shape (N, T, D).
 
         :param observation: contexts, shape (N, C)

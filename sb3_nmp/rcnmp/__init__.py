@@ -1,2 +1,7 @@
+"""Reward Conditioned Neural Movement Primitives (thesis chapter 6)."""
+
+from sb3_nmp.rcnmp.policies import RCNMPPolicy
 from sb3_nmp.rcnmp.rcnmp import RCNMP
-__all__=["RCNMP"]
+from sb3_nmp.rcnmp.training import TrainingSettings
+
+__all__ = ["RCNMP", "RCNMPPolicy", "TrainingSettings"]

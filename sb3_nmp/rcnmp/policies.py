@@ -1,19 +1,17 @@
 """RC-NMP's policy: the reward-conditioned neural process and the best trajectories seen."""
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch as th
 from gymnasium import spaces
 from numpy.typing import NDArray
-from stable_baselines3.common.type_aliases import Schedule
+from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 from torch import nn
 
 from sb3_nmp.common.elites import EliteMemory
 from sb3_nmp.common.networks import NeuralProcess
 from sb3_nmp.common.policies import TrajectoryPolicy
-
-BEST = 1.0  # the reward on which a search is conditioned: the best rank
 
 
 class RCNMPPolicy(TrajectoryPolicy):
@@ -35,6 +33,10 @@ class RCNMPPolicy(TrajectoryPolicy):
 
     offset: th.Tensor
     scale: th.Tensor
+    target_reward: th.Tensor
+    times: th.Tensor
+    context_middle: th.Tensor
+    context_half_range: th.Tensor
 
     def __init__(
         self,
@@ -72,14 +74,15 @@ class RCNMPPolicy(TrajectoryPolicy):
         self.elites = EliteMemory(self.context_dim, shape)
         self.register_buffer("times", th.linspace(0.0, 1.0, shape[0]))
         self.register_buffer("offset", th.zeros(shape))
-        self.register_buffer("scale", th.ones(shape[1]))
+        self.register_buffer("scale", th.zeros(shape[1]))
+        self.register_buffer("target_reward", th.ones(()))
         low, high = th.as_tensor(observation_space.low), th.as_tensor(observation_space.high)
         self.register_buffer("context_middle", (low + high) / 2)
         self.register_buffer("context_half_range", ((high - low) / 2).clamp(min=1e-6))
         self.optimizer = th.optim.Adam(self.network.parameters(), lr_schedule(1), fused=True)
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
-        return super()._get_constructor_parameters() | {"lr_schedule": lambda _: 0.0} | self.settings
+        return super()._get_constructor_parameters() | self.settings
 
     def condition(self, contexts: th.Tensor, rewards: th.Tensor) -> th.Tensor:
         """Return the network's condition: contexts scaled to [-1, 1], and rewards; (B, C + 1).
@@ -90,28 +93,41 @@ class RCNMPPolicy(TrajectoryPolicy):
         scaled = (contexts - self.context_middle) / self.context_half_range
         return th.cat([scaled, rewards[:, None]], dim=1)
 
-    def generate(
-        self, contexts: th.Tensor, latents: th.Tensor, reward: float = BEST
-    ) -> th.Tensor:
-        """Return the trajectories that the network proposes for a reward, shape (B, T, D).
+    def generate(self, contexts: th.Tensor, latents: th.Tensor) -> th.Tensor:
+        """Return what the network proposes for the best reward seen, shape (B, T, D).
 
         :param contexts: shape (B, C)
         :param latents: z, shape (B, Z)
-        :param reward: the scaled reward to condition on
         """
-        condition = self.condition(contexts, contexts.new_full((len(contexts),), reward))
+        condition = self.condition(contexts, self.target_reward.expand(len(contexts)))
         return self.offset + self.scale * self.network.decode(self.times, latents, condition).mean
 
-    def _predict(self, observation: th.Tensor, deterministic: bool = False) -> th.Tensor:
-        latents = observation.new_zeros((len(observation), self.latent_dim))
+    def _predict(self, observation: PyTorchObs, deterministic: bool = False) -> th.Tensor:
+        contexts = cast(th.Tensor, observation)
+        latents = contexts.new_zeros((len(contexts), self.latent_dim))
         if not deterministic:
-            return self.generate(observation, th.randn_like(latents))
-        trajectories = self.generate(observation, latents)
-        for row, context in enumerate(observation):
+            return self.generate(contexts, th.randn_like(latents))
+        trajectories = self.generate(contexts, latents)
+        for row, context in enumerate(contexts):
             elite = self.elites.find(context)
             if elite is not None:
                 trajectories[row] = self.elites.trajectories[elite]
         return trajectories
+
+    @property
+    def is_scaled(self) -> bool:
+        """Whether `set_scale` has been called."""
+        return bool((self.scale > 0).any())
+
+    def set_scale(self, offset: NDArray[np.floating], trajectories: NDArray[np.floating]) -> None:
+        """Fix the network's origin, and its unit: the deviations' root mean square.
+
+        :param offset: shape (T, D)
+        :param trajectories: shape (N, T, D)
+        """
+        scale = np.sqrt(np.mean((trajectories - offset) ** 2, axis=(0, 1)))
+        self.offset.copy_(self.offset.new_tensor(offset))
+        self.scale.copy_(self.scale.new_tensor(scale).clamp(min=1e-6))
 
     def normalise(self, trajectories: NDArray[np.floating]) -> th.Tensor:
         """Return trajectories as the network's values, shape (N, T, D).

@@ -1,0 +1,17 @@
+"""Baselines on movement primitives, with the interface of Stable-Baselines3."""
+
+from baselines.dreps import DREPS
+from baselines.primitives import DMP, PDFiltered, Primitive, ProMP, Response, WeightDistribution
+from baselines.reps import REPS, GaussianPrimitivePolicy
+
+__all__ = [
+    "DMP",
+    "DREPS",
+    "REPS",
+    "GaussianPrimitivePolicy",
+    "PDFiltered",
+    "Primitive",
+    "ProMP",
+    "Response",
+    "WeightDistribution",
+]

@@ -1,0 +1,186 @@
+"""`DREPS`: dual REPS, which also keeps away from bad samples (Colome and Torras, thesis [50])."""
+
+from typing import Any, Literal
+
+import numpy as np
+import torch as th
+from numpy.typing import NDArray
+from stable_baselines3.common.type_aliases import GymEnv, Schedule
+
+from baselines.dreps.clusters import fit_clusters, k_means
+from baselines.dreps.dual import DualSolution, References, solve
+from baselines.reps.dual import Solution
+from baselines.reps.gaussian import FloatArray, LinearGaussian
+from baselines.reps.policies import GaussianPrimitivePolicy
+from baselines.reps.reps import REPS
+from baselines.reps.samples import Samples
+from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.pd_controller import PDController
+
+
+class DREPS(REPS):
+    """REPS whose next policy also keeps a distance from clusters of bad samples.
+
+    The worst samples are clustered, a Gaussian b_i is fitted to each cluster, and the samples'
+    weights come from the dual under ``KL(pi || b_i) >= xi`` besides ``KL(pi || q) <= epsilon``
+    (`baselines.dreps.dual`). Between two ways to solve a task this makes the policy choose one
+    instead of averaging them. All else is as in `REPS`.
+
+    :param policy: the policy's class or ``"MlpPolicy"``
+    :param env: the environment or its id; T x D trajectories as actions, contexts as observations
+    :param learning_rate: see `REPS`
+    :param population_size: see `REPS`
+    :param epsilon: see `REPS`
+    :param xi: least KL(pi || b_i), in nats
+    :param n_clusters: of bad samples, at most
+    :param bad_fraction: of the samples that count as bad, in (0, 1)
+    :param chi: bound on KL(pi || good), in nats, for the Gaussian fitted to the best samples;
+        None leaves this constraint out
+    :param good_fraction: of the samples that count as good, in (0, 1)
+    :param initial_sigma: see `REPS`
+    :param primitive: see `REPS`
+    :param n_bases: see `REPS`
+    :param pd_controller: see `REPS`
+    :param sample_generations: see `REPS`
+    :param shrinkage: see `REPS`
+    :param min_sigma: see `REPS`
+    :param policy_kwargs: further arguments of the policy
+    :param stats_window_size: rollouts over which the logged success rate and reward are averaged
+    :param tensorboard_log: folder for TensorBoard; None switches it off
+    :param verbose: 0 nothing, 1 the log table, 2 debug messages
+    :param seed: of Python, NumPy, PyTorch, the environment and this algorithm's generator
+    :param device: of the policy
+    :param _init_setup_model: whether to build the policy at once
+    :raises ConfigurationError: a setting outside its range, or one that does not fit the others
+    """
+
+    def __init__(
+        self,
+        policy: str | type[GaussianPrimitivePolicy],
+        env: GymEnv | str,
+        learning_rate: float | Schedule = 1.0,
+        population_size: int = 20,
+        epsilon: float = 1.5,
+        xi: float = 3.0,
+        n_clusters: int = 2,
+        bad_fraction: float = 0.3,
+        chi: float | None = None,
+        good_fraction: float = 0.1,
+        initial_sigma: float | tuple[float, ...] = 0.08,
+        primitive: Literal["promp", "dmp"] = "promp",
+        n_bases: int = 10,
+        pd_controller: PDController | Literal["auto"] | None = "auto",
+        sample_generations: int = 3,
+        shrinkage: float = 1.0,
+        min_sigma: float | tuple[float, ...] = 0.005,
+        policy_kwargs: dict[str, Any] | None = None,
+        stats_window_size: int = 100,
+        tensorboard_log: str | None = None,
+        verbose: int = 0,
+        seed: int | None = None,
+        device: th.device | str = "cpu",
+        _init_setup_model: bool = True,
+    ) -> None:
+        self.xi, self.n_clusters, self.bad_fraction = xi, n_clusters, bad_fraction
+        self.chi, self.good_fraction = chi, good_fraction
+        super().__init__(
+            policy=policy,
+            env=env,
+            learning_rate=learning_rate,
+            population_size=population_size,
+            epsilon=epsilon,
+            initial_sigma=initial_sigma,
+            primitive=primitive,
+            n_bases=n_bases,
+            pd_controller=pd_controller,
+            sample_generations=sample_generations,
+            shrinkage=shrinkage,
+            min_sigma=min_sigma,
+            policy_kwargs=policy_kwargs,
+            stats_window_size=stats_window_size,
+            tensorboard_log=tensorboard_log,
+            verbose=verbose,
+            seed=seed,
+            device=device,
+            _init_setup_model=_init_setup_model,
+        )
+
+    def _check_settings(self, population_size: int) -> None:
+        super()._check_settings(population_size)
+        if not (np.isfinite(self.xi) and self.xi >= 0):
+            raise ConfigurationError(
+                f"xi is {self.xi}; it bounds a KL divergence in nats from below and must be finite "
+                "and >= 0."
+            )
+        if self.chi is not None and not self.chi > 0:
+            raise ConfigurationError(
+                f"chi is {self.chi}; it bounds a KL divergence in nats and must be > 0, or None."
+            )
+        if self.n_clusters < 1:
+            raise ConfigurationError(
+                f"n_clusters is {self.n_clusters}; at least 1 is needed. Without clusters of bad "
+                "samples, use REPS."
+            )
+        for name in ("bad_fraction", "good_fraction"):
+            if not 0 < getattr(self, name) < 1:
+                raise ConfigurationError(f"{name} is {getattr(self, name)}; it must lie in (0, 1).")
+
+    def _weigh(self, samples: Samples, old: LinearGaussian) -> Solution:
+        advantages = samples.advantages()
+        deviations = samples.weights - samples.features @ old.coefficients
+        references = self._references(advantages, deviations, old.covariance)
+        solution = solve(advantages, self.epsilon, references)
+        self._log_dual(solution, references)
+        return solution
+
+    def _references(
+        self, advantages: FloatArray, deviations: FloatArray, covariance: FloatArray
+    ) -> References:
+        """Fit Gaussians to clusters of the worst samples, and to the best ones if chi is set.
+
+        All is done in units of the policy q: deviations from its mean, whitened.
+
+        :param advantages: shape (N,)
+        :param deviations: of the weights from q's mean in their contexts, shape (N, P)
+        :param covariance: of q, shape (P, P)
+        """
+        order = np.argsort(advantages, kind="stable")
+        white = np.asarray(
+            np.linalg.solve(np.linalg.cholesky(covariance), deviations.T).T, np.float64
+        )
+        bad = white[order[: _count(self.bad_fraction, len(order))]]
+        rows = _log_ratios(white, bad, k_means(bad, self.n_clusters))
+        signs, bounds = -np.ones(len(rows)), np.full(len(rows), float(self.xi))
+        if self.chi is not None:
+            good = white[order[-_count(self.good_fraction, len(order)) :]]
+            rows += _log_ratios(white, good, np.zeros(len(good), np.int_))
+            signs, bounds = np.append(signs, 1.0), np.append(bounds, self.chi)
+        return References(np.stack(rows), signs, bounds)
+
+    def _log_dual(self, solution: DualSolution, references: References) -> None:
+        bad = references.signs < 0
+        self.logger.record("train/nu", float(solution.multipliers[bad].sum()))
+        self.logger.record("train/kl_to_bad", float(solution.divergences[bad].min()))
+        self.logger.record("train/feasible", float(solution.feasible))
+
+
+def _count(fraction: float, n: int) -> int:
+    return min(n, max(2, int(fraction * n)))
+
+
+def _log_ratios(
+    white: FloatArray, members: FloatArray, labels: NDArray[np.int_]
+) -> list[FloatArray]:
+    """Return log r_j - log q of all samples for the Gaussian r_j of each cluster, each (N,).
+
+    :param white: all samples in units of q, shape (N, P)
+    :param members: the clustered ones, shape (M, P)
+    :param labels: their clusters, shape (M,)
+    """
+    p = white.shape[1]
+    constant = np.ones((len(white), 1))
+    standard = LinearGaussian(np.zeros((1, p)), np.eye(p)).log_density(white, constant)
+    return [
+        LinearGaussian(mean[None], covariance).log_density(white, constant) - standard
+        for mean, covariance in fit_clusters(members, labels, np.eye(p))
+    ]

@@ -1,0 +1,97 @@
+"""Which runs of a suite are still to be done, and whether a folder can take them."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from results.exceptions import SettingsClashError
+from results.records import Record, failed_path, finished_path, read_records
+from results.specification import RunSpecification, run_stem
+
+SAME_ON_A_TASK = ("budget", "task_settings")
+SAME_FOR_AN_ALGORITHM = ("algorithm", "algorithm_settings", "n_envs")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is left to do in a folder.
+
+    :param folder: of the runs
+    :param todo: the runs to do
+    :param kept: the runs that are finished already
+    :param overwrite: whether finished runs are done again too
+    """
+
+    folder: Path
+    todo: tuple[RunSpecification, ...]
+    kept: tuple[RunSpecification, ...]
+    overwrite: bool = False
+
+
+def plan_runs(folder: Path, runs: Iterable[RunSpecification], overwrite: bool = False) -> Plan:
+    """Split runs into those to do and those that the folder holds; failed ones are tried again.
+
+    :param folder: of the runs
+    :param runs: those asked for
+    :param overwrite: do finished ones again too
+    :raises SettingsClashError: what would stay in the folder does not compare with these runs
+    """
+    runs = tuple(runs)
+    stems = {run.stem for run in runs}
+    for record in read_records(folder):
+        replaced = overwrite or record["outcome"] == "failed"
+        if not (replaced and run_stem(record["specification"]) in stems):
+            check_comparable(folder, record, runs)
+    kept = tuple(run for run in runs if not overwrite and finished_path(folder, run).exists())
+    return Plan(folder, tuple(run for run in runs if run not in kept), kept, overwrite)
+
+
+def clear(plan: Plan) -> int:
+    """Remove finished and failed runs that are to be done again; return how many were finished.
+
+    :param plan: what is to be done
+    """
+    finished = [finished_path(plan.folder, run) for run in plan.todo]
+    n_finished = sum(path.exists() for path in finished)
+    for path in (*finished, *(failed_path(plan.folder, run) for run in plan.todo)):
+        path.unlink(missing_ok=True)
+    return n_finished
+
+
+def check_comparable(folder: Path, record: Record, runs: Iterable[RunSpecification]) -> None:
+    """Check that a run that stays in the folder was made with the settings of those asked for.
+
+    :param folder: of the runs
+    :param record: a run that it holds
+    :param runs: those asked for
+    :raises SettingsClashError: a setting differs
+    """
+    held = record["specification"]
+    for run in runs:
+        wanted = run.as_dict()
+        if wanted["task"] != held["task"]:
+            continue
+        keys = SAME_ON_A_TASK
+        if wanted["label"] == held["label"]:
+            keys += SAME_FOR_AN_ALGORITHM
+        for key in keys:
+            if wanted[key] != held[key]:
+                name, before, now = _difference(key, held[key], wanted[key])
+                raise SettingsClashError(
+                    f"'{folder}' holds {held['label']} on {held['task']}, seed {held['seed']}, "
+                    f"with {name} = {before}, but the run asked for ({run.label}, seed {run.seed}) "
+                    f"has {name} = {now}; a folder holds runs of one setting only. Name another "
+                    "folder (--out), ask for the same value, or replace the runs asked for "
+                    "(--overwrite)."
+                )
+
+
+def _difference(key: str, held: Any, wanted: Any) -> tuple[str, Any, Any]:  # noqa: ANN401
+    """Return what differs, as deep inside dictionaries as it can be named."""
+    if isinstance(held, dict) and isinstance(wanted, dict):
+        for inner in sorted({*held, *wanted}):
+            before, now = held.get(inner, "its default"), wanted.get(inner, "its default")
+            if before != now:
+                return _difference(f"{key}.{inner}", before, now)
+    return key, held, wanted

@@ -1,0 +1,118 @@
+"""Pictures of one rollout: a film (.gif, .mp4) or a sheet (.png)."""
+
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark_envs import make_task
+from benchmark_envs.trajectory_env import FRAMES_PER_SECOND
+from results.exceptions import BenchmarkError
+from results.records import read_record
+from results.suites import ALGORITHMS, find_label
+
+ENDINGS = (".gif", ".mp4", ".png")
+SHEET = (2, 4)  # rows and columns of pictures
+
+Frames = list[NDArray[np.uint8]]
+
+
+@dataclass(frozen=True)
+class RenderRequest:
+    """Whose rollout to draw: exactly one of ``model``, ``run`` and ``expert`` is given.
+
+    :param task: the task's id
+    :param model: file that ``model.save`` wrote
+    :param run: a run's result file
+    :param expert: mode of the task's scripted expert
+    :param algorithm: label of the model's class
+    :param seed: of the context, where the task draws it
+    """
+
+    task: str
+    model: Path | None = None
+    run: Path | None = None
+    expert: str | None = None
+    algorithm: str = "RC-NMP"
+    seed: int = 0
+
+
+def render_rollout(request: RenderRequest, out: Path) -> None:
+    """Draw a rollout into a file.
+
+    :param request: whose
+    :param out: ends in .gif, .mp4 or .png
+    :raises BenchmarkError: another ending, or no such model
+    """
+    if out.suffix not in ENDINGS:
+        raise BenchmarkError(f"--out is '{out}'; its ending must be one of {', '.join(ENDINGS)}.")
+    context, trajectory = chosen_rollout(request)
+    env = gym.make(request.task, render_mode="rgb_array_list", context=context)
+    env.reset(seed=request.seed)
+    env.step(trajectory)
+    frames: Frames = env.render()  # type: ignore[assignment]
+    env.close()
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_frames(frames, out)
+
+
+def chosen_rollout(request: RenderRequest) -> tuple[np.ndarray, np.ndarray]:
+    """Return the context, shape (C,), and the trajectory, shape (T, D).
+
+    :param request: whose
+    :raises BenchmarkError: no such model, or the run is of another task
+    """
+    task = make_task(request.task)
+    if request.run is not None:
+        record = read_record(request.run)
+        if record["outcome"] != "finished" or record["specification"]["task"] != request.task:
+            raise BenchmarkError(
+                f"'{request.run}' is a {record['outcome']} run on {record['specification']['task']}"
+                f"; a finished one on {request.task} is needed."
+            )
+        return np.array(record["greedy"]["context"]), _float32(record["greedy"]["trajectory"])
+    context = task.sample_context(np.random.default_rng(request.seed))
+    if request.model is None:
+        return context, _float32(task.demonstrate(context, request.expert))
+    if not request.model.exists():
+        raise BenchmarkError(f"there is no model '{request.model}'; give a file of model.save().")
+    algorithm = ALGORITHMS[find_label(request.algorithm, ALGORITHMS, "the benchmark")].load()
+    action, _ = algorithm.load(request.model).predict(_float32(context), deterministic=True)
+    return context, action
+
+
+def write_frames(frames: Frames, out: Path) -> None:
+    """Write a film, or a sheet of evenly spaced pictures.
+
+    :param frames: pictures of shape (H, W, 3)
+    :param out: its ending, one of `ENDINGS`, tells which
+    :raises BenchmarkError: the package for .mp4 is not installed
+    """
+    from PIL import Image
+
+    if out.suffix == ".gif":
+        first, *rest = [Image.fromarray(frame) for frame in frames]
+        milliseconds = 1000 // FRAMES_PER_SECOND
+        first.save(out, save_all=True, append_images=rest, duration=milliseconds, loop=0)
+    elif out.suffix == ".png":
+        rows, columns = SHEET
+        chosen = np.linspace(0, len(frames) - 1, rows * columns).round().astype(int)
+        lines = np.split(np.array([frames[i] for i in chosen]), rows)
+        Image.fromarray(np.vstack([np.hstack(list(line)) for line in lines])).save(out)
+    else:
+        try:
+            imageio = import_module("imageio.v3")
+            import_module("imageio_ffmpeg")
+        except ImportError as error:
+            raise BenchmarkError(
+                f"'{out}' needs imageio and ffmpeg: pip install 'sb3-nmp[video]', or write a .gif "
+                "or .png."
+            ) from error
+        imageio.imwrite(out, np.stack(frames), plugin="FFMPEG", fps=FRAMES_PER_SECOND)
+
+
+def _float32(values: object) -> NDArray[np.float32]:
+    return np.asarray(values, np.float32)

@@ -1,0 +1,192 @@
+"""Runs a suite: in parallel processes, one result file a run, resumable."""
+
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self, cast
+
+import numpy as np
+import torch as th
+from joblib import Parallel, cpu_count, delayed, parallel_config
+from stable_baselines3.common.env_util import make_vec_env
+
+from benchmark_envs import Task, TrajectoryVecEnv, make_task
+from results.evaluation import GreedyEvaluation
+from results.planning import Plan, clear
+from results.provenance import provenance
+from results.records import Record, failed_path, finished_path, write_record
+from results.specification import RunSpecification
+
+OnRollouts = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A run that has ended.
+
+    :param run: its specification
+    :param record: what its file holds
+    """
+
+    run: RunSpecification
+    record: Record
+
+    @property
+    def failed(self) -> bool:
+        """Whether it raised an error instead of finishing."""
+        return self.record["outcome"] == "failed"
+
+
+class RolloutCounters:
+    """How many rollouts each run has done, in a file that the worker processes write to.
+
+    Use it as a context manager, which removes the file in the end.
+
+    :param n_runs: how many runs
+    """
+
+    def __init__(self, n_runs: int) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="nmp-bench-")
+        self.path = Path(self._folder.name) / "rollouts"
+        np.zeros(n_runs, np.int64).tofile(self.path)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._folder.cleanup()
+
+    def total(self) -> int:
+        """Return the rollouts of all runs together."""
+        return int(np.fromfile(self.path, np.int64).sum())
+
+    def writer(self, index: int) -> "CounterWriter":
+        """Return what tells this object about one run's rollouts.
+
+        :param index: of the run
+        """
+        return CounterWriter(self.path, index)
+
+
+@dataclass(frozen=True)
+class CounterWriter:
+    """Picklable end of `RolloutCounters`.
+
+    :param path: of the counters' file
+    :param index: of the run
+    """
+
+    path: Path
+    index: int
+
+    def __call__(self, n_rollouts: int) -> None:
+        """Store the run's number of rollouts so far.
+
+        :param n_rollouts: since its start
+        """
+        with self.path.open("r+b") as file:
+            file.seek(8 * self.index)
+            file.write(np.int64(n_rollouts).tobytes())
+
+
+def pinned_task(run: RunSpecification) -> tuple[Task, dict[str, Any], np.ndarray]:
+    """Return a run's task, its settings (a single simulator thread) and the run's one context.
+
+    :param run: the run
+    :return: the task, its constructor arguments, and the context of shape (C,)
+    """
+    settings = dict(run.task_settings)
+    task = make_task(run.task, **settings)
+    if "n_threads" in task.setting_names():
+        settings["n_threads"] = 1
+        task = make_task(run.task, **settings)
+    return task, settings, task.sample_context(np.random.default_rng(run.seed))
+
+
+def execute(run: RunSpecification, on_rollouts: OnRollouts | None = None) -> Record:
+    """Do one run in this process.
+
+    The time of the greedy evaluations is not counted in ``seconds["training"]``, the time of the
+    rollouts is.
+
+    :param run: what to run
+    :param on_rollouts: told the number of rollouts so far
+    :return: ``seconds``, ``curve`` and ``greedy`` of its record
+    """
+    th.set_num_threads(1)
+    task, settings, context = pinned_task(run)
+    evaluation = GreedyEvaluation(task, context, on_rollouts)
+    env = make_vec_env(
+        run.task,
+        n_envs=run.n_envs,
+        vec_env_cls=TrajectoryVecEnv,
+        env_kwargs={**settings, "context": context},
+    )
+    algorithm = run.algorithm.load()
+    start = time.perf_counter()
+    model = algorithm("MlpPolicy", env, seed=run.seed, **run.algorithm.settings)
+    model.learn(run.budget, callback=evaluation, progress_bar=False)
+    total = time.perf_counter() - start
+    env.close()
+    greedy = evaluation.greedy
+    return {
+        "seconds": {"training": total - evaluation.seconds, "evaluation": evaluation.seconds},
+        "curve": evaluation.curve,
+        "greedy": {
+            "context": context.round(5).tolist(),
+            "trajectory": greedy.trajectories[0].round(5).tolist(),
+            "executed": greedy.executed[0].round(5).tolist(),
+        },
+    }
+
+
+def run_and_write(
+    run: RunSpecification, folder: Path, origin: Record, on_rollouts: OnRollouts | None = None
+) -> Outcome:
+    """Do one run and write its file; an error is written down too and does not spread.
+
+    :param run: what to run
+    :param folder: of the runs
+    :param origin: the runs' `provenance`
+    :param on_rollouts: told the number of rollouts so far
+    """
+    record: Record = {"outcome": "finished", "specification": run.as_dict(), "provenance": origin}
+    try:
+        record |= execute(run, on_rollouts)
+        write_record(finished_path(folder, run), record)
+    except Exception as error:  # whatever an algorithm raises is this run's result
+        record["outcome"] = "failed"
+        record["error"] = {
+            "type": type(error).__name__,
+            "message": str(error),
+            "traceback": traceback.format_exc(),
+        }
+        write_record(failed_path(folder, run), record)
+    if on_rollouts is not None:  # a run that failed or stopped early leaves nothing to wait for
+        on_rollouts(run.budget)
+    return Outcome(run, record)
+
+
+def run_plan(
+    plan: Plan, n_workers: int | None = None, counters: RolloutCounters | None = None
+) -> Iterator[Outcome]:
+    """Do the runs of a plan and yield each as soon as it has ended and its file is written.
+
+    :param plan: what is to be done; earlier results of these runs are removed first
+    :param n_workers: processes; one a core by default
+    :param counters: told how many rollouts each run has done
+    """
+    plan.folder.mkdir(parents=True, exist_ok=True)
+    clear(plan)
+    n_workers = max(1, min(n_workers or cpu_count(), len(plan.todo)))
+    origin = provenance()
+    jobs = (
+        delayed(run_and_write)(run, plan.folder, origin, counters and counters.writer(index))
+        for index, run in enumerate(plan.todo)
+    )
+    with parallel_config(backend="loky", inner_max_num_threads=1):
+        parallel = Parallel(n_jobs=n_workers, return_as="generator_unordered")
+        yield from cast(Iterator[Outcome], parallel(jobs))

@@ -1,0 +1,131 @@
+"""The suites: which algorithms run on which tasks, and the settings they run with."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from results.exceptions import BenchmarkError
+from results.specification import Algorithm, RunSpecification, Suite
+
+# Hyper-parameters are chosen on seeds of 1000 and above, which no reported run uses.
+ALGORITHMS: dict[str, Algorithm] = {
+    "RC-NMP": Algorithm("sb3_nmp.rcnmp:RCNMP", description="reward-conditioned neural process"),
+    "GA": Algorithm("baselines:GA", description="RC-NMP's operators without the network"),
+    "DREPS": Algorithm("baselines:DREPS", description="dual REPS, repelled by bad clusters"),
+    "REPS": Algorithm("baselines:REPS", description="relative entropy policy search"),
+}
+
+# RC-NMP with one element switched off at a time.
+ABLATIONS: dict[str, Algorithm] = {
+    "RC-NMP": ALGORITHMS["RC-NMP"],
+    "no network": ALGORITHMS["GA"],
+    "no mutation": Algorithm("sb3_nmp.rcnmp:RCNMP", {"mutation": None}),
+    "no PD controller": Algorithm("sb3_nmp.rcnmp:RCNMP", {"pd_controller": None}),
+}
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a suite is made of; `make_suite` multiplies it out.
+
+    :param description: one line
+    :param algorithms: by label, in the order of the tables
+    :param tasks: task settings by task id
+    :param budget: rollouts a run
+    :param n_seeds: how many seeds by default, from 0 on
+    """
+
+    description: str
+    algorithms: Mapping[str, Algorithm]
+    tasks: Mapping[str, Mapping[str, object]]
+    budget: int
+    n_seeds: int
+
+
+BOTTLES: dict[str, dict[str, object]] = {"nmp/Bottles-v0": {}}
+
+SUITES: dict[str, Recipe] = {
+    "quick": Recipe("all methods on the bottles task", ALGORITHMS, BOTTLES, 400, 5),
+    "bottles": Recipe("all methods on the bottles task, 50 seeds", ALGORITHMS, BOTTLES, 400, 50),
+    "ablations": Recipe("RC-NMP without one of its elements", ABLATIONS, BOTTLES, 400, 20),
+}
+
+
+def make_suite(
+    name: str,
+    seeds: Iterable[int] | None = None,
+    budget: int | None = None,
+    labels: Sequence[str] | None = None,
+) -> Suite:
+    """Return the runs of a suite, seed by seed, so that an interrupted suite is balanced.
+
+    :param name: one of `SUITES`
+    :param seeds: the suite's own number of seeds, from 0 on, by default
+    :param budget: rollouts a run; the suite's own by default
+    :param labels: the algorithms to run; all by default. Case and punctuation do not matter
+    :raises BenchmarkError: no such suite or algorithm, no seed, or a budget below 1
+    """
+    if name not in SUITES:
+        raise BenchmarkError(f"no suite '{name}' is registered; there are {', '.join(SUITES)}.")
+    recipe = SUITES[name]
+    chosen = list(recipe.algorithms)
+    if labels is not None:
+        chosen = [find_label(label, chosen, f"the suite '{name}'") for label in labels]
+    budget = recipe.budget if budget is None else budget
+    if budget < 1:
+        raise BenchmarkError(f"the budget is {budget}; a run needs at least 1 rollout.")
+    seeds = range(recipe.n_seeds) if seeds is None else list(seeds)
+    specifications = [
+        RunSpecification(label, recipe.algorithms[label], task, seed, budget, settings)
+        for task, settings in recipe.tasks.items()
+        for seed in seeds
+        for label in dict.fromkeys(chosen)
+    ]
+    return Suite(name, recipe.description, tuple(specifications))
+
+
+def find_label(wanted: str, labels: Iterable[str], where: str) -> str:
+    """Return the label that is meant, whatever its case and punctuation.
+
+    >>> find_label("rcnmp", ["RC-NMP", "REPS"], "the suite")
+    'RC-NMP'
+
+    :param wanted: as the user typed it
+    :param labels: those that exist
+    :param where: for the message
+    :raises BenchmarkError: none of them is meant
+    """
+    by_key = {_key(label): label for label in labels}
+    if _key(wanted) not in by_key:
+        raise BenchmarkError(
+            f"{where} has no algorithm '{wanted}'; it has {', '.join(by_key.values())}."
+        )
+    return by_key[_key(wanted)]
+
+
+def _key(label: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", label.lower())
+
+
+def parse_seeds(text: str) -> list[int]:
+    """Read seeds as users type them: how many, a range, or a list.
+
+    >>> parse_seeds("3"), parse_seeds("10-12"), parse_seeds("7,9")
+    ([0, 1, 2], [10, 11, 12], [7, 9])
+
+    :param text: ``"N"`` for the first N, ``"A-B"`` for A to B inclusive, ``"A,B,C"`` for these
+    :raises BenchmarkError: none of these, or no seed at all
+    """
+    seeds: list[int] = []
+    if re.fullmatch(r"\d+", text):
+        seeds = list(range(int(text)))
+    elif match := re.fullmatch(r"(\d+)-(\d+)", text):
+        seeds = list(range(int(match[1]), int(match[2]) + 1))
+    elif re.fullmatch(r"\d+(,\d+)+,?|\d+,", text):
+        seeds = sorted({int(part) for part in text.split(",") if part})
+    if not seeds:
+        raise BenchmarkError(
+            f"the seeds '{text}' name no seed; write how many (5), a range (10-19) or a list "
+            "(3,7; a single one as '3,')."
+        )
+    return seeds

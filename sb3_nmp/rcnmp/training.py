@@ -1,0 +1,129 @@
+"""The supervised learning of RC-NMP: mini-batches from the buffer and the ELBO (thesis Eq. 6.2).
+
+Shape letters: S training steps, B batch, O conditioning points, P target points, D dimensions of
+the trajectory, K size of the condition, Z latent.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch as th
+from numpy.typing import NDArray
+from torch.distributions import Normal, kl_divergence
+
+from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.networks import NeuralProcess
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """How long and on what mini-batches the network is trained after each generation.
+
+    :param n_steps: steps of Adam
+    :param batch_size: trajectories a step
+    :param n_target_points: random time points of each trajectory at which it is predicted
+    :param max_conditioning_points: the encoder sees 1 to this many random points
+    """
+
+    n_steps: int = 100
+    batch_size: int = 16
+    n_target_points: int = 20
+    max_conditioning_points: int = 10
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        for name, value in vars(self).items():
+            if int(value) != value or value < 1:
+                raise ConfigurationError(f"{name} is {value}; it must be a whole number >= 1.")
+
+
+@dataclass(frozen=True)
+class Batch:
+    """One mini-batch.
+
+    :param observed_times: of the conditioning points, shape (B, O)
+    :param observed_values: at those times, shape (B, O, D)
+    :param target_times: shape (B, P)
+    :param target_values: shape (B, P, D)
+    :param condition: task parameters and reward, shape (B, K)
+    :param noise: standard normal, for the reparametrisation, shape (B, Z)
+    """
+
+    observed_times: th.Tensor
+    observed_values: th.Tensor
+    target_times: th.Tensor
+    target_values: th.Tensor
+    condition: th.Tensor
+    noise: th.Tensor
+
+
+@dataclass(frozen=True)
+class Elbo:
+    """Eq. 6.2 and its two terms, averaged over a batch; scalars.
+
+    :param loss: minus the bound
+    :param log_likelihood: E_q[log p(x_t | z, t, r)], averaged over the target points
+    :param divergence: KL(q(z | O, r) || N(0, I))
+    """
+
+    loss: th.Tensor
+    log_likelihood: th.Tensor
+    divergence: th.Tensor
+
+
+def elbo(network: NeuralProcess, batch: Batch, beta: float) -> Elbo:
+    """Return the evidence lower bound of Eq. 6.2 with one latent sample a trajectory.
+
+    The log-likelihood is averaged, not summed, over time, so that beta does not depend on how
+    many points are drawn.
+
+    :param network: the neural process
+    :param batch: trajectories drawn from the replay buffer
+    :param beta: weight of the KL divergence
+    """
+    posterior = network.encode(batch.observed_times, batch.observed_values, batch.condition)
+    latent = posterior.mean + posterior.stddev * batch.noise
+    predicted = network.decode(batch.target_times, latent, batch.condition)
+    log_likelihood = predicted.log_prob(batch.target_values).sum(dim=-1).mean()
+    prior = Normal(th.zeros_like(latent), 1.0, validate_args=False)
+    divergence = kl_divergence(posterior, prior).sum(dim=-1).mean()
+    return Elbo(beta * divergence - log_likelihood, log_likelihood, divergence)
+
+
+def batches(
+    settings: TrainingSettings,
+    times: th.Tensor,
+    values: th.Tensor,
+    condition: th.Tensor,
+    probabilities: NDArray[np.float64],
+    latent_dim: int,
+    rng: np.random.Generator,
+) -> Iterator[Batch]:
+    """Draw the mini-batches of one training phase.
+
+    :param settings: sizes and number of batches
+    :param times: of the time points, shape (T,)
+    :param values: trajectories, shape (N, T, D)
+    :param condition: shape (N, K)
+    :param probabilities: of drawing each trajectory, shape (N,)
+    :param latent_dim: Z
+    :param rng: the generator to draw from
+    """
+    s, b, p = settings.n_steps, settings.batch_size, settings.n_target_points
+    most = settings.max_conditioning_points
+    rows = th.as_tensor(rng.choice(len(values), (s, b), p=probabilities), device=values.device)
+    points = th.as_tensor(rng.integers(len(times), size=(s, b, p + most)), device=values.device)
+    n_observed = rng.integers(1, most + 1, size=s)
+    noise = th.as_tensor(rng.standard_normal((s, b, latent_dim), np.float32), device=values.device)
+    for step in range(s):
+        row, point = rows[step], points[step, :, : p + int(n_observed[step])]
+        drawn, at = values[row[:, None], point], times[point]
+        yield Batch(
+            observed_times=at[:, p:],
+            observed_values=drawn[:, p:],
+            target_times=at[:, :p],
+            target_values=drawn[:, :p],
+            condition=condition[row],
+            noise=noise[step],
+        )

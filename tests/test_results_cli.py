@@ -1,0 +1,207 @@
+import io
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.image import imread
+from PIL import Image
+from rich.console import Console
+
+from results import suites
+from results.bottles import mode_of
+from results.cli import main
+from results.exceptions import BenchmarkError
+from results.plot import enlarged_limits, learning_curves
+from results.records import curves_frame, read_records, runs_frame
+from results.render import RenderRequest, chosen_rollout, write_frames
+from results.specification import Algorithm, plain
+from results.suites import SUITES, Recipe, make_suite, parse_seeds
+from results.table import markdown_table, terminal_table
+from sb3_nmp.common.noise import SmoothNoise
+
+FAKES = {
+    "Hill": Algorithm("tests.results_fakes:HillClimber"),
+    "Broken": Algorithm("tests.results_fakes:Broken"),
+    "Absent": Algorithm("tests.results_fakes:NoSuchClass"),
+}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def fake_suite():
+    """A suite of cheap algorithms."""
+    recipe = Recipe("fakes", FAKES, {"nmp/Bottles-v0": {}}, 12, 2)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(suites.SUITES, "fakes", recipe)
+        yield
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The fake suite's runs: two finished, one finished and one failed, two failed."""
+    out = tmp_path_factory.mktemp("runs")
+    assert main(["run", "--suite", "fakes", "--out", str(out), "--workers", "1"]) == 0
+    return out
+
+
+def shown(folder: Path, width: int) -> str:
+    console = Console(file=io.StringIO(), width=width, color_system=None)
+    console.print(terminal_table(runs_frame(read_records(folder)), list(FAKES), width))
+    file = console.file
+    assert isinstance(file, io.StringIO)
+    return file.getvalue()
+
+
+def test_table_shows_the_greedy_policy_and_the_best_rollout_alike(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert main(["table", "--runs", str(folder)]) == 0
+    printed = capsys.readouterr().out
+    markdown = (folder / "table.md").read_text()
+    numbers = pd.read_csv(folder / "table.csv")
+    for view in ("greedy", "best"):
+        assert view in printed
+        for column in ("solved", "rollouts", "reward", "IQM"):
+            assert f"{view} {column}" in markdown
+        assert {f"{view}_solved", f"{view}_rollouts_median", f"{view}_iqm_low"} <= set(numbers)
+    assert numbers.set_index("label")["seeds"].to_dict() == {"Hill": 2, "Broken": 1, "Absent": 0}
+
+
+def test_table_gives_the_reason_of_failed_runs_and_empty_cells(folder: Path):
+    for text in (shown(folder, 120), markdown_table(runs_frame(read_records(folder)))):
+        assert "2 failed" in text and "Absent on nmp/Bottles-v0" in text
+        assert "the matrix is singular (seeds 0)" in text
+        assert "NoSuchClass" in text
+        assert "one seed" in text
+        assert "Commit" in text
+
+
+def test_an_algorithm_of_the_suite_without_runs_is_shown(folder: Path):
+    assert "not run" in markdown_table(runs_frame(read_records(folder)), ["Other", *FAKES])
+
+
+@pytest.mark.parametrize("width", [80, 100, 120])
+def test_table_fits_the_terminal(folder: Path, width: int):
+    text = shown(folder, width)
+    assert max(len(line.rstrip()) for line in text.splitlines()) <= width
+    assert "…" not in text
+
+
+def test_plots_are_drawn(folder: Path):
+    assert main(["plot", "--runs", str(folder)]) == 0
+    for name in ("curves_bottles-v0.png", "paths_bottles-v0.png"):
+        picture = imread(folder / name)
+        assert picture.shape[0] > 400 and picture.shape[1] > 900
+        assert len(np.unique(picture[..., 0])) > 10
+
+
+def test_curves_name_their_axes_and_seeds(folder: Path):
+    figure = learning_curves(curves_frame(read_records(folder)), list(FAKES))
+    assert [axes.get_xlabel() for axes in figure.axes] == ["rollouts"] * 3
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["Hill (2 seeds)", "Broken (1 seed)"]
+
+
+def test_enlarged_panel_shows_the_solved_runs():
+    curves = pd.DataFrame(
+        {
+            "label": "A",
+            "seed": [0, 0, 1, 1],
+            "rollouts": [1, 2, 1, 2],
+            "greedy_reward": [-8.0, -0.13, -8.0, -2.1],
+            "greedy_success": [False, True, False, False],
+        }
+    )
+    low, high = enlarged_limits(curves)
+    assert -0.2 < low < -0.13 < high < -0.1
+
+
+def test_mode_is_the_side_of_the_first_bottle():
+    right = np.array([[0.5, -0.4], [0.58, -0.2], [0.42, 0.0], [0.5, 0.4]])
+    assert mode_of(right) == "s"
+    assert mode_of(right * [-1, 1] + [1.0, 0.0]) == "reverse_s"
+    assert mode_of(right, [0.6, -0.2, 0.5, 0.0]) == "reverse_s"
+
+
+def test_pictures_of_a_rollout_become_a_film_or_a_sheet(tmp_path: Path):
+    frames = [np.full((30, 40, 3), 5 * i, np.uint8) for i in range(50)]
+    write_frames(frames, tmp_path / "film.gif")
+    write_frames(frames, tmp_path / "sheet.png")
+    assert imread(tmp_path / "sheet.png").shape[:2] == (60, 160)
+    with Image.open(tmp_path / "film.gif") as film:
+        assert getattr(film, "n_frames", 1) == 50
+
+
+def test_a_run_can_be_rendered_from_its_file(folder: Path):
+    run = next(folder.glob("hill_*.json"))
+    context, trajectory = chosen_rollout(RenderRequest("nmp/Bottles-v0", run=run))
+    assert context.shape == (4,) and trajectory.shape == (200, 2)
+    with pytest.raises(BenchmarkError, match="a failed run"):
+        failed = next(folder.glob("broken_*.failed.json"))
+        chosen_rollout(RenderRequest("nmp/Bottles-v0", run=failed))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "--suite", "nope"], "there are quick, bottles, ablations"),
+        (["run", "--suite", "fakes", "--algorithms", "nope"], "it has Hill, Broken, Absent"),
+        (["run", "--suite", "fakes", "--seeds", "0"], "write how many"),
+        (["run", "--suite", "fakes", "--seeds", "5-3"], "write how many"),
+        (["run", "--suite", "fakes", "--budget", "0"], "at least 1 rollout"),
+        (["run", "--suite", "fakes", "--workers", "0"], "at least 1 process"),
+        (["table", "--runs", "nowhere"], "holds no runs"),
+        (["plot", "--suite", "nope"], "there are quick, bottles, ablations"),
+        (["render", "nmp/Bottles-v0", "--expert", "s", "--out", "x.jpg"], ".gif, .mp4, .png"),
+        (["render", "nmp/Bottles-v0", "--expert", "z", "--out", "x.gif"], "s, reverse_s"),
+        (["render", "nmp/Bottle-v0", "--expert", "s", "--out", "x.gif"], "nmp/Bottles-v0"),
+    ],
+)
+def test_wrong_usage_is_told_in_one_line(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
+):  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.startswith("nmp-bench: ") and error.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_clash_of_settings_is_told_in_one_line(folder: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["run", "--suite", "fakes", "--budget", "13", "--out", str(folder)]) == 2
+    assert "budget = 12" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [[], ["run"], ["table"], ["plot"], ["render"]])
+def test_help_is_given(command: list[str], capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as caught:
+        main([*command, "--help"])
+    assert caught.value.code == 0
+    assert "usage: nmp-bench" in capsys.readouterr().out
+
+
+def test_algorithms_are_found_whatever_their_case_and_punctuation():
+    assert make_suite("quick", labels=["rcnmp", "reps"]).labels == ["RC-NMP", "REPS"]
+
+
+@pytest.mark.parametrize("name", SUITES)
+def test_runs_of_a_suite_have_files_of_their_own(name: str):
+    runs = make_suite(name, seeds=range(3)).specifications
+    assert len({run.stem for run in runs}) == len(runs)
+    assert all(run.as_dict() for run in runs)
+
+
+def test_seeds_are_read():
+    assert parse_seeds("2") == [0, 1]
+    assert parse_seeds("8-10") == [8, 9, 10]
+    assert parse_seeds("3,1,3") == [1, 3]
+    assert parse_seeds("4,") == [4]
+
+
+def test_settings_become_plain_values():
+    noise = plain({"mutation": SmoothNoise(0.1), "sizes": (1, 2), "none": None})
+    assert noise["mutation"]["class"] == "sb3_nmp.common.noise:SmoothNoise"
+    assert noise["mutation"]["sigma"] == 0.1 and noise["sizes"] == [1, 2]
+    with pytest.raises(BenchmarkError, match="plain values"):
+        plain({"function": lambda: None})

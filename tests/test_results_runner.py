@@ -1,0 +1,199 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from results.exceptions import BenchmarkError, SettingsClashError
+from results.planning import plan_runs
+from results.progress import run_with_progress
+from results.records import Record, curves_frame, read_record, read_records, write_record
+from results.runner import RolloutCounters, execute, pinned_task, run_plan
+from results.specification import Algorithm, RunSpecification
+
+TASK = "nmp/Bottles-v0"
+
+
+def run_of(
+    seed: int, name: str = "HillClimber", budget: int = 12, **settings: float
+) -> RunSpecification:
+    algorithm = Algorithm(f"tests.results_fakes:{name}", settings)
+    return RunSpecification(name, algorithm, TASK, seed, budget)
+
+
+def do(folder: Path, *runs: RunSpecification, overwrite: bool = False, workers: int = 1) -> int:
+    return run_with_progress(plan_runs(folder, runs, overwrite), workers)
+
+
+@pytest.fixture(scope="module")
+def record() -> Record:
+    return execute(run_of(0))
+
+
+def test_curve_has_a_row_a_rollout_and_its_best_never_falls(record: Record):
+    curve = record["curve"]
+    assert curve["rollouts"] == list(range(1, 13))
+    assert (np.diff(curve["best_reward"]) >= 0).all()
+    assert record["seconds"]["training"] > 0
+
+
+def test_a_row_sees_the_update_of_its_generation(record: Record):
+    """The hill climber's greedy reward is the best of the complete generations, updates and all."""
+    curve = record["curve"]
+    complete = [5 * (count // 5) for count in curve["rollouts"]]
+    expected = [curve["best_reward"][count - 1] for count in complete if count]
+    assert curve["greedy_reward"][4:] == pytest.approx(expected)
+
+
+def test_equal_seeds_give_equal_curves(record: Record):
+    again = execute(run_of(0))
+    assert again["curve"] == record["curve"]
+    assert again["greedy"] == record["greedy"]
+    assert execute(run_of(1))["curve"] != record["curve"]
+
+
+def test_parallel_environments_are_counted_in_rollouts():
+    run = RunSpecification("H", Algorithm("tests.results_fakes:HillClimber"), TASK, 0, 12, n_envs=5)
+    assert execute(run)["curve"]["rollouts"] == [5, 10]
+
+
+def test_the_context_is_drawn_by_the_runs_seed():
+    algorithm = Algorithm("tests.results_fakes:HillClimber")
+    settings = {"random_bottles": True}
+    first, again, other = (
+        pinned_task(RunSpecification("H", algorithm, TASK, seed, 5, settings))[2]
+        for seed in (0, 0, 1)
+    )
+    assert np.array_equal(first, again) and not np.array_equal(first, other)
+
+
+def test_a_result_file_describes_itself(tmp_path: Path):
+    assert do(tmp_path, run_of(0, sigma=0.1)) == 0
+    record = read_record(tmp_path / "hillclimber_bottles-v0_seed-000.json")
+    assert record["specification"] == run_of(0, sigma=0.1).as_dict()
+    assert record["specification"]["algorithm_settings"] == {"sigma": 0.1}
+    assert {"commit", "dirty", "packages", "python", "platform"} <= set(record["provenance"])
+    assert np.shape(record["greedy"]["trajectory"]) == np.shape(record["greedy"]["executed"])
+    curves = curves_frame([record])
+    assert len(curves) == 12 and curves["seed"].unique().tolist() == [0]
+
+
+def test_finished_runs_are_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    do(tmp_path, run_of(0))
+    before = (tmp_path / f"{run_of(0).stem}.json").stat().st_mtime_ns
+    assert do(tmp_path, run_of(0), run_of(1)) == 0
+    assert "1 of 2 runs are finished" in capsys.readouterr().out
+    assert (tmp_path / f"{run_of(0).stem}.json").stat().st_mtime_ns == before
+    assert len(read_records(tmp_path)) == 2
+
+
+@pytest.mark.parametrize(
+    ("other", "named"),
+    [
+        (lambda: run_of(0, budget=13), "budget = 12"),
+        (lambda: run_of(1, budget=13), "budget = 12"),
+        (lambda: run_of(0, sigma=0.1), "algorithm_settings.sigma = its default"),
+        (lambda: run_of(0, "Broken", budget=13), "budget = 12"),
+    ],
+)
+def test_other_settings_clash(tmp_path: Path, other: Callable[[], RunSpecification], named: str):
+    do(tmp_path, run_of(0))
+    with pytest.raises(SettingsClashError, match=named) as caught:
+        do(tmp_path, other())
+    assert "--out" in str(caught.value) and "--overwrite" in str(caught.value)
+    assert len(read_records(tmp_path)) == 1
+
+
+def test_overwrite_replaces_the_runs_asked_for_and_no_others(tmp_path: Path):
+    do(tmp_path, run_of(0), run_of(1))
+    with pytest.raises(SettingsClashError, match="seed 1, with budget"):
+        do(tmp_path, run_of(0, budget=13), overwrite=True)
+    assert do(tmp_path, run_of(0, budget=13), run_of(1, budget=13), overwrite=True) == 0
+    assert {r["specification"]["budget"] for r in read_records(tmp_path)} == {13}
+
+
+def test_a_failed_run_keeps_its_reason_and_is_tried_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    assert do(tmp_path, run_of(0, "Broken"), run_of(1, "Broken")) == 0
+    assert "1 runs failed" in capsys.readouterr().err
+    failed = read_record(tmp_path / f"{run_of(0, 'Broken').stem}.failed.json")
+    assert failed["error"]["message"] == "the matrix is singular"
+    assert "_end_generation" in failed["error"]["traceback"]
+
+    monkeypatch.setattr("tests.results_fakes.Broken._end_generation", lambda *_: None)
+    assert do(tmp_path, run_of(0, "Broken"), run_of(1, "Broken")) == 0
+    assert [record["outcome"] for record in read_records(tmp_path)] == ["finished"] * 2
+
+
+def test_all_runs_failing_is_an_error(tmp_path: Path):
+    assert do(tmp_path, run_of(0, "Broken")) == 1
+    assert do(tmp_path, run_of(0, "NoSuchClass")) == 1
+
+
+def test_interruption_keeps_finished_runs_and_says_how_to_resume(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    runs = [run_of(seed, "Interrupted") for seed in range(3)]
+    assert do(tmp_path, *runs) == 130
+    assert "1 of 3 runs are finished" in capsys.readouterr().err
+    assert len(read_records(tmp_path)) == 1
+    assert plan_runs(tmp_path, runs).todo == tuple(runs[1:])
+
+
+def test_rollouts_are_counted_while_the_runs_go_on(tmp_path: Path):
+    plan = plan_runs(tmp_path, [run_of(0), run_of(0, "Broken")])
+    with RolloutCounters(2) as counters:
+        totals = [counters.total() for _ in run_plan(plan, 1, counters)]
+    assert totals == [12, 24]
+
+
+def test_ctrl_c_ends_worker_processes_quietly(tmp_path: Path, record: Record):
+    """The terminal sends SIGINT to the command and its workers alike."""
+    script = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "from results.planning import plan_runs\n"
+        "from results.progress import run_with_progress\n"
+        "from tests.test_results_runner import run_of\n"
+        "runs = [run_of(0, budget=5), run_of(1, budget=10**5), run_of(2, budget=10**5)]\n"
+        "sys.exit(run_with_progress(plan_runs(Path(sys.argv[1]), runs), 2))\n"
+    )
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
+    process = subprocess.Popen(
+        [sys.executable, "-c", script, str(tmp_path)],
+        env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+    )  # fmt: skip
+    deadline = time.monotonic() + 30
+    while not list(tmp_path.glob("*.json")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "interrupted. 1 of 3 runs are finished" in errors
+    assert "Traceback" not in errors
+    assert [path.name for path in tmp_path.iterdir()] == [f"{run_of(0).stem}.json"]
+    (finished,) = read_records(tmp_path)
+    assert finished["curve"]["best_reward"] == record["curve"]["best_reward"][:5]
+
+
+def test_a_record_is_written_whole_or_not_at_all(tmp_path: Path):
+    path = tmp_path / "run.json"
+    write_record(path, {"outcome": "finished"})
+    with pytest.raises(ValueError):
+        write_record(path, {"outcome": float("nan")})
+    assert read_record(path)["outcome"] == "finished"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"format": 99}'])
+def test_a_foreign_file_is_named(tmp_path: Path, text: str):
+    (tmp_path / "foreign.json").write_text(text)
+    with pytest.raises(BenchmarkError, match=r"foreign\.json"):
+        read_records(tmp_path)
