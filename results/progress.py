@@ -8,7 +8,7 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from results.planning import Plan
-from results.records import FAILED
+from results.records import FAILED, finished_path
 from results.runner import Outcome, RolloutCounters, run_plan
 
 DONE, ALL_FAILED, INTERRUPTED = 0, 1, 130
@@ -76,16 +76,16 @@ def run_with_progress(plan: Plan, n_workers: int | None) -> int:
                 progress.ended(len(ended))
                 progress.console.print(describe(outcome), markup=False)
     except KeyboardInterrupt:
-        return _stopped(plan, ended, "interrupted", INTERRUPTED)
+        return _stopped(plan, "interrupted", INTERRUPTED)
     except BrokenProcessPool:
         why = "a worker process died (out of memory? then use fewer --workers)"
-        return _stopped(plan, ended, why, ALL_FAILED)
+        return _stopped(plan, why, ALL_FAILED)
     failed = [outcome for outcome in ended if outcome.failed]
     console.print(f"{len(ended) - len(failed)} of {len(ended)} runs finished: {plan.folder}")
     if failed:
         print(
-            f"{len(failed)} runs failed; their tracebacks are in {plan.folder}/*{FAILED}, and the "
-            "same command tries them again.",
+            f"{len(failed)} of {len(ended)} runs failed; the tracebacks are in "
+            f"{plan.folder}/*{FAILED}, and the same command tries them again.",
             file=sys.stderr,
         )
     return ALL_FAILED if len(failed) == len(ended) else DONE
@@ -105,11 +105,13 @@ def describe(outcome: Outcome) -> str:
     return f"{name}: {solved}, greedy reward {curve['greedy_reward'][-1]:.4f}"
 
 
-def _stopped(plan: Plan, ended: list[Outcome], why: str, status: int) -> int:
-    finished = len(plan.kept) + sum(not outcome.failed for outcome in ended)
+def _stopped(plan: Plan, why: str, status: int) -> int:
+    """Tell what an interrupted plan leaves, files of the last moment included."""
+    runs = (*plan.kept, *plan.todo)
+    finished = sum(finished_path(plan.folder, run).exists() for run in runs)
     command = "the same command" + (" without --overwrite" if plan.overwrite else "")
     print(
-        f"\nnmp-bench: {why}. {finished} of {len(plan.kept) + len(plan.todo)} runs are finished in "
+        f"\nnmp-bench: {why}. {finished} of {len(runs)} runs are finished in "
         f"{plan.folder}; {command} does the rest.",
         file=sys.stderr,
     )

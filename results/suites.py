@@ -46,7 +46,7 @@ BOTTLES: dict[str, dict[str, object]] = {"nmp/Bottles-v0": {}}
 
 SUITES: dict[str, Recipe] = {
     "quick": Recipe("all methods on the bottles task", ALGORITHMS, BOTTLES, 400, 5),
-    "bottles": Recipe("all methods on the bottles task, 50 seeds", ALGORITHMS, BOTTLES, 400, 50),
+    "bottles": Recipe("the same, for conclusions", ALGORITHMS, BOTTLES, 400, 50),
     "ablations": Recipe("RC-NMP without one of its elements", ABLATIONS, BOTTLES, 400, 20),
 }
 

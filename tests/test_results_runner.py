@@ -121,7 +121,7 @@ def test_a_failed_run_keeps_its_reason_and_is_tried_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     assert do(tmp_path, run_of(0, "Broken"), run_of(1, "Broken")) == 0
-    assert "1 runs failed" in capsys.readouterr().err
+    assert "1 of 2 runs failed" in capsys.readouterr().err
     failed = read_record(tmp_path / f"{run_of(0, 'Broken').stem}.failed.json")
     assert failed["error"]["message"] == "the matrix is singular"
     assert "_end_generation" in failed["error"]["traceback"]

@@ -61,7 +61,7 @@ class DREPS(REPS):
         learning_rate: float | Schedule = 1.0,
         population_size: int = 20,
         epsilon: float = 1.5,
-        xi: float = 3.0,
+        xi: float = 5.0,
         n_clusters: int = 2,
         bad_fraction: float = 0.3,
         chi: float | None = None,
