@@ -53,6 +53,7 @@ class BatchExecutor:
         self.n_threads = available_cores() if n_threads is None else n_threads
         self._pool: Rollout | None = None
         self._data: list[mujoco.MjData] = []
+        self._scratch: mujoco.MjData | None = None
 
     def _rollout(self, states: FloatArray, controls: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the physics states and sensor readings at every step, (N, T * substeps, *)."""
@@ -79,6 +80,21 @@ class BatchExecutor:
             diverged=np.concatenate([log.diverged for log in logs]),
         )
 
+    def initial_state(self, qpos: FloatArray) -> FloatArray:
+        """Return the full physics state, at rest, for given joint positions.
+
+        :param qpos: shape (nq,)
+        :return: shape (nstate,)
+        """
+        if self._scratch is None:
+            self._scratch = mujoco.MjData(self.model)
+        mujoco.mj_resetData(self.model, self._scratch)
+        self._scratch.qpos[:] = qpos
+        full = mujoco.mjtState.mjSTATE_FULLPHYSICS
+        state = np.empty(mujoco.mj_stateSize(self.model, full))
+        mujoco.mj_getState(self.model, self._scratch, state, full)
+        return state
+
     def states(self, state: FloatArray, controls: FloatArray) -> FloatArray:
         """Run one rollout and return its full physics states at the time points.
 
@@ -101,20 +117,6 @@ class BatchExecutor:
         expected = (steps - 0.5) * self.model.opt.timestep
         stopped = ~(readings["clock"][:, -1, 0] >= expected - self.model.opt.timestep)
         return SensorLog(readings, peaks, stopped | ~np.isfinite(data).all(axis=(1, 2)))
-
-
-def initial_state(model: mujoco.MjModel, qpos: FloatArray) -> FloatArray:
-    """Return the full physics state, at rest, for given joint positions.
-
-    :param qpos: shape (nq,)
-    :return: shape (nstate,)
-    """
-    data = mujoco.MjData(model)
-    data.qpos[:] = qpos
-    full = mujoco.mjtState.mjSTATE_FULLPHYSICS
-    state = np.empty(mujoco.mj_stateSize(model, full))
-    mujoco.mj_getState(model, data, state, full)
-    return state
 
 
 def interpolate(start: FloatArray, trajectories: FloatArray, substeps: int) -> FloatArray:

@@ -97,6 +97,10 @@ class Task(ABC):
     #: the names of the expert's ways to solve the task
     modes: ClassVar[tuple[str, ...]] = ("default",)
 
+    #: standard deviation with which a search may well begin, by dimension, in the trajectory's
+    #: unit, length D; every algorithm of a comparison explores at this scale by default
+    exploration_scale: ClassVar[tuple[float, ...]]
+
     context_space: spaces.Box
     trajectory_space: spaces.Box
 

@@ -107,6 +107,11 @@ class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
         """Return the naive trajectory for the current context, shape (T, D)."""
         return self.task.initial_trajectory(self._current_context())
 
+    @property
+    def exploration_scale(self) -> FloatArray:
+        """The task's `Task.exploration_scale`, shape (D,)."""
+        return np.array(self.task.exploration_scale)
+
     def render(self) -> Any:  # noqa: ANN401
         """Draw the last rollout; None without a render mode or before the first rollout.
 

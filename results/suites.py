@@ -1,11 +1,13 @@
 """The suites: which algorithms run on which tasks, and the settings they run with."""
 
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from results.exceptions import BenchmarkError
 from results.specification import Algorithm, RunSpecification, Suite
+from sb3_nmp.common.noise import SmoothNoise
 
 # Hyper-parameters are chosen on seeds of 1000 and above, which no reported run uses.
 ALGORITHMS: dict[str, Algorithm] = {
@@ -15,12 +17,29 @@ ALGORITHMS: dict[str, Algorithm] = {
     "REPS": Algorithm("baselines:REPS", description="relative entropy policy search"),
 }
 
-# RC-NMP with one element switched off at a time.
+
+def _rcnmp(**settings: object) -> Algorithm:
+    return Algorithm("sb3_nmp.rcnmp:RCNMP", settings)
+
+
+# RC-NMP with one element switched off, or taken back to the original code's choice, at a time.
 ABLATIONS: dict[str, Algorithm] = {
     "RC-NMP": ALGORITHMS["RC-NMP"],
-    "no network": ALGORITHMS["GA"],
-    "no mutation": Algorithm("sb3_nmp.rcnmp:RCNMP", {"mutation": None}),
-    "no PD controller": Algorithm("sb3_nmp.rcnmp:RCNMP", {"pd_controller": None}),
+    "no network (GA)": ALGORITHMS["GA"],
+    "no crossover": _rcnmp(n_sampled=20, n_crossover=0),
+    "latent parents only": _rcnmp(elite_parents=False),
+    "no mutation": _rcnmp(mutation=None),
+    "no explorers": _rcnmp(n_explorers=0),
+    "rough mutation": _rcnmp(mutation=SmoothNoise(n_bases=20)),
+    "isotropic mutation": _rcnmp(mutation=SmoothNoise(0.15)),
+    "no PD controller": _rcnmp(pd_controller=None),
+    "no reward condition": _rcnmp(reward_conditioning=False),
+    "no KL term": _rcnmp(beta=0.0),
+    "latents from N(0, I)": _rcnmp(latent_std=1.0),
+    "standardised rewards": _rcnmp(reward_scaling="standardize"),
+    "uniform draws": _rcnmp(temperature=math.inf),
+    "last generation only": _rcnmp(buffer_size=20, n_elites=0),
+    "time as it is": _rcnmp(policy_kwargs={"n_frequencies": 0}),
 }
 
 

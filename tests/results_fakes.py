@@ -57,7 +57,7 @@ class HillClimber(TrajectoryAlgorithm):
         if not np.isfinite(self.best_reward):
             self.best_policy.best = th.as_tensor(self.initial_trajectory(), dtype=th.float32)
         shape, decay = self.best_policy.trajectory_shape, 0.97**self._n_updates
-        noise = self.noise.sample(self.rng, self.population_size, shape, decay)
+        noise = decay * self.noise.sample(self.rng, self.population_size, shape)
         self.deviations = noise * np.sin(np.linspace(0.0, np.pi, shape[0]))[:, None]
 
     def _propose(self, members: slice, contexts: NDArray[np.float32]) -> NDArray[np.floating]:

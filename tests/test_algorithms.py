@@ -117,9 +117,7 @@ def test_an_interrupted_and_resumed_run_equals_an_uninterrupted_one(
         loaded.load_replay_buffer(tmp_path / "buffer.npz")  # pyright: ignore
     resumed = run(loaded, 4 * POPULATION - cut, reset_num_timesteps=False)
     assert loaded.num_timesteps == 4 * POPULATION
-    np.testing.assert_array_equal(
-        [*begun.trajectories, *resumed.trajectories], whole.trajectories
-    )
+    np.testing.assert_array_equal([*begun.trajectories, *resumed.trajectories], whole.trajectories)
 
 
 @EVERY
@@ -177,9 +175,7 @@ def test_a_callback_can_stop_the_run_and_nothing_is_lost(algorithm: Algorithm) -
     assert model.num_timesteps == 3
     rest = run(model, 2 * POPULATION - 3, reset_num_timesteps=False)
     whole = run(build(algorithm), 2 * POPULATION)
-    np.testing.assert_array_equal(
-        [*recorder.trajectories, *rest.trajectories], whole.trajectories
-    )
+    np.testing.assert_array_equal([*recorder.trajectories, *rest.trajectories], whole.trajectories)
 
 
 @EVERY
@@ -255,9 +251,7 @@ def test_an_environment_can_be_exchanged(algorithm: Algorithm) -> None:
 
 @EVERY
 def test_a_population_that_does_not_fit_is_refused(algorithm: Algorithm) -> None:
-    with pytest.raises(
-        ConfigurationError, match=r"population of 8 does not fit 5 .*multiple of 5"
-    ):
+    with pytest.raises(ConfigurationError, match=r"population of 8 does not fit 5 .*multiple of 5"):
         build(algorithm, vec_env(5))
     with pytest.raises(ConfigurationError, match="total_timesteps is 3"):
         build(algorithm, vec_env(4)).learn(3)
@@ -265,7 +259,7 @@ def test_a_population_that_does_not_fit_is_refused(algorithm: Algorithm) -> None
 
 @EVERY
 def test_environments_of_another_kind_are_refused(algorithm: Algorithm) -> None:
-    with pytest.raises(ConfigurationError, match="no environment 'nmp/Botles-v0'.*nmp/Bottles-v0"):
+    with pytest.raises(ConfigurationError, match=r"no environment 'nmp/Botles-v0'.*nmp/Bottles-v0"):
         build(algorithm, "nmp/Botles-v0")
     with pytest.raises(ConfigurationError, match="has no policy 'CnnPolicy'; it has MlpPolicy"):
         algorithm("CnnPolicy", ENV_ID)  # pyright: ignore[reportCallIssue]
@@ -297,9 +291,7 @@ def test_a_generation_is_complete_and_in_order(
     model = build(algorithm, vec_env(2))
     seen: list[Generation] = []
     learn_from = model._end_generation
-    monkeypatch.setattr(
-        model, "_end_generation", lambda g: seen.append(g) or learn_from(g)
-    )
+    monkeypatch.setattr(model, "_end_generation", lambda g: seen.append(g) or learn_from(g))
     recorder = run(model, 2 * POPULATION)
     assert [len(g.rewards) for g in seen] == [POPULATION, POPULATION]
     sent = np.concatenate([g.trajectories for g in seen])
@@ -312,6 +304,6 @@ def test_the_global_generators_are_left_alone_after_construction(algorithm: Algo
     one = build(algorithm)
     two = build(algorithm)
     recorded = run(one, 3 * POPULATION)
-    np.random.seed(99)  # noqa: NPY002
+    np.random.seed(99)
     th.manual_seed(99)
     assert_same_rollouts(recorded, run(two, 3 * POPULATION))

@@ -10,13 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from baselines.ga.ga import crossover_pairs
 from sb3_nmp.common.buffer import TrajectoryBuffer, ranks, scale_rewards, selection_weights
 from sb3_nmp.common.elites import EliteMemory
 from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
 from sb3_nmp.common.networks import NeuralProcess
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.pd_controller import PDController
-from sb3_nmp.common.population import blend, crossover_pairs
+from sb3_nmp.common.population import blend
 
 REWARDS = arrays(np.int64, st.integers(1, 60), elements=st.integers(-999, 999)).map(
     lambda rewards: rewards / 8
@@ -105,9 +106,7 @@ def test_ranks_depend_on_the_order_alone(rewards: np.ndarray) -> None:
     assert ranked.max() == 1.0
     assert ranked.min() == -1.0 or len(np.unique(rewards)) == 1
     i, j = np.unravel_index(np.arange(len(rewards) ** 2), (len(rewards),) * 2)
-    np.testing.assert_array_equal(
-        np.sign(ranked[i] - ranked[j]), np.sign(rewards[i] - rewards[j])
-    )
+    np.testing.assert_array_equal(np.sign(ranked[i] - ranked[j]), np.sign(rewards[i] - rewards[j]))
     np.testing.assert_allclose(ranks(np.exp(rewards / 50) - 7), ranked)
 
 
@@ -175,7 +174,8 @@ def test_a_saved_buffer_is_loaded_unchanged(tmp_path: Path) -> None:
 def test_files_that_are_not_buffers_are_refused(tmp_path: Path) -> None:
     buffer = filled(3)
     np.savez(tmp_path / "other.npz", weights=np.ones(3))
-    np.savez(tmp_path / "pickled.npz", **{k: np.array([{}]) for k in ("contexts", "rewards")})
+    objects = np.array([{}])
+    np.savez(tmp_path / "pickled.npz", contexts=objects, trajectories=objects, rewards=objects)
     (tmp_path / "text.npz").write_text("no archive")
     for name in ("other", "pickled", "text"):
         with pytest.raises(FileFormatError, match="is not a trajectory buffer"):
@@ -243,9 +243,7 @@ def test_the_gradient_reaches_every_parameter_and_shapes_are_as_told() -> None:
     own = net.decode(th.rand(5, 7), latent.rsample(), th.randn(5, 3))
     assert shared.mean.shape == own.mean.shape == (5, 7, 2)
     (shared.mean.square().sum() + own.mean.square().sum()).backward()
-    assert all(
-        p.grad is not None and bool(p.grad.abs().sum() > 0) for p in net.parameters()
-    )
+    assert all(p.grad is not None and bool(p.grad.abs().sum() > 0) for p in net.parameters())
 
 
 def test_without_frequencies_time_enters_as_it_is() -> None:

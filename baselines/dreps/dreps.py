@@ -66,7 +66,7 @@ class DREPS(REPS):
         bad_fraction: float = 0.3,
         chi: float | None = None,
         good_fraction: float = 0.1,
-        initial_sigma: float | tuple[float, ...] = 0.08,
+        initial_sigma: float | tuple[float, ...] | None = None,
         primitive: Literal["promp", "dmp"] = "promp",
         n_bases: int = 10,
         pd_controller: PDController | Literal["auto"] | None = "auto",

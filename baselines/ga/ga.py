@@ -15,7 +15,7 @@ from baselines.ga.policies import ElitePolicy
 from sb3_nmp.common.buffer import ranks, selection_weights
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.pd_controller import PDController
-from sb3_nmp.common.population import PopulationSearch, blend, crossover_pairs
+from sb3_nmp.common.population import PopulationSearch, blend
 
 
 class GA(PopulationSearch):
@@ -30,6 +30,7 @@ class GA(PopulationSearch):
     :param n_crossover: members that are crossover children, even
     :param mutation: noise of the first generation, in the trajectory's unit; None switches it off
     :param mutation_decay: factor on the noise after each generation, in (0, 1]
+    :param n_explorers: members whose noise has decayed less, by a random factor
     :param pd_controller: filter of every trajectory; None sends trajectories as they are
     :param initial_trajectories: guesses whose rewards are not known, shape (T, D) or (M, T, D)
     :param buffer_size: rollouts kept; None keeps all
@@ -54,13 +55,14 @@ class GA(PopulationSearch):
         env: GymEnv | str,
         n_copies: int = 10,
         n_crossover: int = 10,
-        mutation: SmoothNoise | None = SmoothNoise(0.15),  # noqa: B008 (frozen)
-        mutation_decay: float = 0.75,
+        mutation: SmoothNoise | None = SmoothNoise(),  # noqa: B008 (frozen)
+        mutation_decay: float = 0.7,
+        n_explorers: int = 0,
         pd_controller: PDController | None = PDController(),  # noqa: B008 (frozen)
         initial_trajectories: ArrayLike | None = None,
         buffer_size: int | None = None,
         n_elites: int = 1,
-        temperature: float = 0.05,
+        temperature: float = 0.02,
         policy_kwargs: dict[str, Any] | None = None,
         stats_window_size: int = 100,
         tensorboard_log: str | None = None,
@@ -81,6 +83,7 @@ class GA(PopulationSearch):
             n_crossover=n_crossover,
             mutation=mutation,
             mutation_decay=mutation_decay,
+            n_explorers=n_explorers,
             pd_controller=pd_controller,
             initial_trajectories=initial_trajectories,
             buffer_size=buffer_size,
@@ -115,3 +118,21 @@ class GA(PopulationSearch):
         before = stored[self._parents[self._before[child]]]
         after = stored[self._parents[self._after[child]]]
         return blend(before, after, int(self._cuts[child]))
+
+
+def crossover_pairs(
+    rng: np.random.Generator, parents: int, n_children: int, n_time_points: int
+) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_]]:
+    """Draw random pairs of different parents and random times; both children of each (IV).
+
+    :param rng: the generator to draw from
+    :param parents: number of parents
+    :param n_children: even
+    :param n_time_points: T
+    :return: the children's parents before and after the cut, and the cuts, each (n_children,)
+    """
+    pairs = np.array(
+        [rng.choice(parents, 2, replace=False) for _ in range(n_children // 2)], dtype=int
+    ).reshape(-1, 2)
+    cuts = np.repeat(rng.integers(1, n_time_points, size=len(pairs)), 2)
+    return pairs.reshape(-1), pairs[:, ::-1].reshape(-1), cuts

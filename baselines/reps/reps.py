@@ -37,7 +37,8 @@ class REPS(TrajectoryAlgorithm):
     :param population_size: rollouts a generation; a multiple of the number of environments
     :param epsilon: bound on KL(weights of the samples || uniform), in nats
     :param initial_sigma: standard deviation of the first trajectories, in their unit (root mean
-        square over time), one value or one a dimension
+        square over time), one value or one a dimension; None takes the environment's
+        ``exploration_scale``, as RC-NMP does
     :param primitive: ``"promp"`` or ``"dmp"``
     :param n_bases: of the primitive, a dimension
     :param pd_controller: through which trajectories are executed (Eq. 6.3), so that they start and
@@ -66,7 +67,7 @@ class REPS(TrajectoryAlgorithm):
         learning_rate: float | Schedule = 1.0,
         population_size: int = 20,
         epsilon: float = 1.5,
-        initial_sigma: float | tuple[float, ...] = 0.08,
+        initial_sigma: float | tuple[float, ...] | None = None,
         primitive: Literal["promp", "dmp"] = "promp",
         n_bases: int = 10,
         pd_controller: PDController | Literal["auto"] | None = "auto",
@@ -134,6 +135,8 @@ class REPS(TrajectoryAlgorithm):
         super()._setup_model()
         n_dimensions = cast(spaces.Box, self.action_space).shape[1]
         for name in ("initial_sigma", "min_sigma"):
+            if getattr(self, name) is None:
+                continue
             sigma = np.atleast_1d(getattr(self, name))
             if sigma.shape not in ((1,), (n_dimensions,)) or not np.all(
                 (sigma > 0) & (sigma < np.inf)
@@ -147,7 +150,9 @@ class REPS(TrajectoryAlgorithm):
 
     def _begin_generation(self) -> None:
         if not self._started:
-            self.policy.start_from(self.initial_trajectory(), self.initial_sigma)
+            given = self.initial_sigma
+            sigma = self.exploration_scale() if given is None else given
+            self.policy.start_from(self.initial_trajectory(), sigma)
             self._started = True
         factor = np.linalg.cholesky(self.policy.gaussian.covariance)
         noise = self.rng.standard_normal((self.population_size, len(factor)))

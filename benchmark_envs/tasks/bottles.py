@@ -15,7 +15,7 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from benchmark_envs.exceptions import TaskError
-from benchmark_envs.executor import BatchExecutor, SensorLog, initial_state, interpolate
+from benchmark_envs.executor import BatchExecutor, SensorLog, interpolate
 from benchmark_envs.registry import register_task
 from benchmark_envs.rendering import draw
 from benchmark_envs.task import BoolArray, FloatArray, Rollouts, Task
@@ -57,6 +57,9 @@ class BottlesTask(Task):
     )
     trajectory_names: ClassVar[tuple[str, ...]] = ("hand x [m]", "hand y [m]")
     modes: ClassVar[tuple[str, ...]] = ("s", "reverse_s")
+    # Chosen on seeds from 1000 on: REPS, DREPS, GA and RC-NMP all find the crossing twice as fast
+    # as with 0.15 m along the direction of travel too.
+    exploration_scale: ClassVar[tuple[float, ...]] = (0.15, 0.03)
 
     def __init__(self, random_bottles: bool = False, n_threads: int | None = None) -> None:
         self.random_bottles = random_bottles
@@ -140,7 +143,7 @@ class BottlesTask(Task):
         for i, bottle in enumerate(context.reshape(2, 2)):
             address = self.model.joint(f"bottle_{i}").qposadr[0]
             qpos[address : address + 3] = *bottle, BOTTLE_HEIGHT / 2
-        return initial_state(self.model, qpos)
+        return self.executor.initial_state(qpos)
 
     def _controls(self, trajectories: FloatArray) -> FloatArray:
         """Set-points and their rates for the servos, shape (N, T * SUBSTEPS, 4)."""

@@ -184,6 +184,20 @@ class TrajectoryAlgorithm(BaseAlgorithm):
             space = cast(spaces.Box, self.action_space)
             return (space.low.astype(np.float64) + space.high) / 2
 
+    def exploration_scale(self) -> tuple[float, ...]:
+        """Return the environment's scale of exploration by dimension, length D.
+
+        It is read from the environment's attribute ``exploration_scale``; without such an
+        attribute, it is a tenth of the action space's range.
+        """
+        env = cast(VecEnv, self.env)
+        try:
+            scale = np.asarray(env.get_attr("exploration_scale", indices=[0])[0], np.float64)
+        except AttributeError:
+            space = cast(spaces.Box, self.action_space)
+            scale = (space.high.astype(np.float64) - space.low).mean(axis=0) / 10
+        return tuple(scale.tolist())
+
     # -- the loop ------------------------------------------------------------------------------
 
     def learn(

@@ -16,19 +16,21 @@ class SmoothNoise:
     deviation is ``sigma`` at every time point (thesis 6.1, mutation, "smoothed Gaussian noise").
     Few wide bases bend the whole path; the original code's 20 knots only roughen it.
 
-    :param sigma: standard deviation, in the trajectory's unit; one value or one a dimension
+    :param sigma: standard deviation, in the trajectory's unit; one value or one a dimension. None
+        leaves it to the algorithm, which takes the environment's ``exploration_scale``
     :param n_bases: how many bases, evenly spaced over [0, 1]
     :param width: standard deviation of a basis, in units of the bases' spacing
     :raises ConfigurationError: a value outside its range
     """
 
-    sigma: float | tuple[float, ...]
+    sigma: float | tuple[float, ...] | None = None
     n_bases: int = 10
     width: float = 1.0
 
     def __post_init__(self) -> None:
         """Check the values."""
-        if np.any(np.asarray(self.sigma) < 0) or not np.all(np.isfinite(self.sigma)):
+        sigma = np.asarray(0.0 if self.sigma is None else self.sigma, np.float64)
+        if np.any(sigma < 0) or not np.all(np.isfinite(sigma)):
             raise ConfigurationError(f"sigma is {self.sigma}; it must be finite and >= 0.")
         if self.n_bases < 2:
             raise ConfigurationError(f"n_bases is {self.n_bases}; at least 2 are needed.")
@@ -47,14 +49,16 @@ class SmoothNoise:
         return bases / np.linalg.norm(bases, axis=1, keepdims=True)
 
     def sample(
-        self, rng: np.random.Generator, n: int, shape: tuple[int, int], scale: float = 1.0
+        self, rng: np.random.Generator, n: int, shape: tuple[int, int]
     ) -> NDArray[np.float64]:
         """Draw n noise trajectories, shape (n, T, D).
 
         :param rng: the generator to draw from
         :param n: how many
         :param shape: (T, D)
-        :param scale: factor on sigma
+        :raises ConfigurationError: sigma is None
         """
+        if self.sigma is None:
+            raise ConfigurationError("the noise's sigma is None; give it before drawing noise.")
         weights = rng.standard_normal((n, self.n_bases, shape[1]))
-        return scale * np.asarray(self.sigma) * (self.bases(shape[0]) @ weights)
+        return np.asarray(self.sigma) * (self.bases(shape[0]) @ weights)

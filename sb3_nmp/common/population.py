@@ -5,6 +5,7 @@ subclass supplies where a member's trajectory comes from before it is mutated.
 """
 
 from abc import abstractmethod
+from dataclasses import replace
 from typing import Any, Protocol, cast
 
 import numpy as np
@@ -40,6 +41,8 @@ class PopulationSearch(TrajectoryAlgorithm):
     :param n_crossover: members that are crossover children, even
     :param mutation: noise of the first generation, in the trajectory's unit; None switches it off
     :param mutation_decay: factor on the noise after each generation, in (0, 1]
+    :param n_explorers: members whose noise is scaled by a factor drawn log-uniformly between the
+        decayed one and 1, so that a search whose noise has decayed can still leave a local optimum
     :param pd_controller: filter of every trajectory, from the initial trajectory's first point to
         its last one; None sends trajectories as they are
     :param initial_trajectories: guesses whose rewards are not known, shape (T, D) or (M, T, D); by
@@ -66,6 +69,7 @@ class PopulationSearch(TrajectoryAlgorithm):
         n_crossover: int,
         mutation: SmoothNoise | None,
         mutation_decay: float,
+        n_explorers: int,
         pd_controller: PDController | None,
         initial_trajectories: ArrayLike | None,
         buffer_size: int | None,
@@ -84,6 +88,7 @@ class PopulationSearch(TrajectoryAlgorithm):
         self.n_crossover = n_crossover
         self.mutation = mutation
         self.mutation_decay = mutation_decay
+        self.n_explorers = n_explorers
         self.pd_controller = pd_controller
         self.initial_trajectories = initial_trajectories
         self.buffer_size = buffer_size
@@ -123,12 +128,16 @@ class PopulationSearch(TrajectoryAlgorithm):
     def _rules(self) -> dict[str, tuple[bool, str]]:
         """Return for each setting whether it fits, and its rule in words."""
         return {
-            "n_plain": (self.n_plain >= 1, "at least 1"),
+            "n_plain": (self.n_plain >= 0, ">= 0"),
             "n_crossover": (
                 self.n_crossover >= 0 and self.n_crossover % 2 == 0,
                 "even and >= 0: each pair of parents has two children",
             ),
             "mutation_decay": (0 < self.mutation_decay <= 1, "in (0, 1]"),
+            "n_explorers": (
+                0 <= self.n_explorers < self.n_plain + self.n_crossover,
+                "at least 0 and less than the population",
+            ),
             "temperature": (self.temperature > 0, "> 0; math.inf draws all rollouts alike"),
         }
 
@@ -158,9 +167,13 @@ class PopulationSearch(TrajectoryAlgorithm):
         n, shape = self.population_size, self.policy.trajectory_shape
         noise = np.zeros((n, *shape))
         if self.mutation is not None:
-            scale = self.mutation_decay**self._n_updates
-            noise = self.mutation.sample(self.rng, n, shape, scale)
-            self.logger.record("train/mutation_scale", scale)
+            if self.mutation.sigma is None:
+                self.mutation = replace(self.mutation, sigma=self.exploration_scale())
+            exponents = np.full(n, float(self._n_updates))
+            exponents[n - self.n_explorers :] *= self.rng.uniform(size=self.n_explorers)
+            scales = self.mutation_decay**exponents
+            noise = scales[:, None, None] * self.mutation.sample(self.rng, n, shape)
+            self.logger.record("train/mutation_scale", scales[0])
         if len(self.replay_buffer) == 0:
             noise[: len(self.initial)] = 0.0
         else:
@@ -217,24 +230,6 @@ class PopulationSearch(TrajectoryAlgorithm):
         self.replay_buffer.load(path)
         buffer = self.replay_buffer
         self._observe(Generation(buffer.contexts, buffer.trajectories, buffer.rewards))
-
-
-def crossover_pairs(
-    rng: np.random.Generator, parents: int, n_children: int, n_time_points: int
-) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_]]:
-    """Draw random pairs of different parents and random times; both children of each (IV).
-
-    :param rng: the generator to draw from
-    :param parents: number of parents
-    :param n_children: even
-    :param n_time_points: T
-    :return: the children's parents before and after the cut, and the cuts, each (n_children,)
-    """
-    pairs = np.array(
-        [rng.choice(parents, 2, replace=False) for _ in range(n_children // 2)], dtype=int
-    ).reshape(-1, 2)
-    cuts = np.repeat(rng.integers(1, n_time_points, size=len(pairs)), 2)
-    return pairs.reshape(-1), pairs[:, ::-1].reshape(-1), cuts
 
 
 def blend(before: NDArray[np.float64], after: NDArray[np.float64], cut: int) -> NDArray[np.float64]:

@@ -13,23 +13,30 @@ from sb3_nmp.common.algorithm import Generation
 from sb3_nmp.common.buffer import scale_rewards, selection_weights
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.pd_controller import PDController
-from sb3_nmp.common.population import PopulationSearch, blend, crossover_pairs
+from sb3_nmp.common.population import PopulationSearch, blend
 from sb3_nmp.rcnmp.policies import RCNMPPolicy
 from sb3_nmp.rcnmp.training import Elbo, TrainingSettings, batches, elbo
 
 
 @dataclass(frozen=True)
-class LatentPlan:
-    """The latents of a generation's N members: until a cut in time, and from it on.
+class Plan:
+    """What a generation's N members are made of, drawn before their contexts are known.
 
-    :param before: shape (N, Z)
-    :param after: shape (N, Z)
+    The first members are decoded from ``latents``; crossover children blend that with a partner
+    at a cut in time: a stored rollout, or what ``partner_latents`` decode to.
+
+    :param latents: shape (N, Z)
+    :param partner_latents: shape (N, Z)
+    :param partner_rows: stored rollouts by their row in the buffer, shape (N,); -1 for none
     :param cuts: time index of the cut, shape (N,)
+    :param partner_first: whether the partner makes the part before the cut, shape (N,)
     """
 
-    before: NDArray[np.float32]
-    after: NDArray[np.float32]
+    latents: NDArray[np.float32]
+    partner_latents: NDArray[np.float32]
+    partner_rows: NDArray[np.int_]
     cuts: NDArray[np.int_]
+    partner_first: NDArray[np.bool_]
 
 
 class RCNMP(PopulationSearch):
@@ -56,8 +63,12 @@ class RCNMP(PopulationSearch):
     :param learning_rate: of Adam, or a schedule of it
     :param n_sampled: members of a generation that are decoded from one latent
     :param n_crossover: members that are crossover children, even
+    :param elite_parents: one parent of each crossover is a stored rollout, drawn like those for
+        training; otherwise both are decoded latents, as in the thesis
+    :param latent_std: standard deviation of the latents in the search, where training has 1
     :param mutation: noise of the first generation, in the trajectory's unit; None switches it off
     :param mutation_decay: factor on the noise after each generation, in (0, 1]
+    :param n_explorers: members whose noise has decayed less, by a random factor
     :param pd_controller: filter of every trajectory, from the initial trajectory's first point to
         its last one; None sends trajectories as they are
     :param initial_trajectories: demonstrations or guesses whose rewards are not known, shape
@@ -86,11 +97,14 @@ class RCNMP(PopulationSearch):
         self,
         policy: str | type[RCNMPPolicy],
         env: GymEnv | str,
-        learning_rate: float | Schedule = 2e-3,
-        n_sampled: int = 10,
-        n_crossover: int = 10,
-        mutation: SmoothNoise | None = SmoothNoise(0.15),  # noqa: B008 (frozen)
-        mutation_decay: float = 0.78,
+        learning_rate: float | Schedule = 3e-3,
+        n_sampled: int = 4,
+        n_crossover: int = 16,
+        elite_parents: bool = True,
+        latent_std: float = 3.0,
+        mutation: SmoothNoise | None = SmoothNoise(),  # noqa: B008 (frozen)
+        mutation_decay: float = 0.65,
+        n_explorers: int = 2,
         pd_controller: PDController | None = PDController(),  # noqa: B008 (frozen)
         initial_trajectories: ArrayLike | None = None,
         buffer_size: int | None = None,
@@ -98,7 +112,7 @@ class RCNMP(PopulationSearch):
         reward_scaling: Literal["rank", "standardize"] = "rank",
         reward_conditioning: bool = True,
         temperature: float = 0.05,
-        beta: float = 1.0,
+        beta: float = 0.3,
         training: TrainingSettings = TrainingSettings(),  # noqa: B008 (frozen)
         policy_kwargs: dict[str, Any] | None = None,
         stats_window_size: int = 100,
@@ -109,11 +123,13 @@ class RCNMP(PopulationSearch):
         _init_setup_model: bool = True,
     ) -> None:
         self.n_sampled = n_sampled
+        self.elite_parents = elite_parents
+        self.latent_std = latent_std
         self.reward_scaling: Literal["rank", "standardize"] = reward_scaling
         self.reward_conditioning = reward_conditioning
         self.beta = beta
         self.training = training
-        self._plan: LatentPlan | None = None
+        self._plan: Plan | None = None
         super().__init__(
             policy=policy,
             env=env,
@@ -121,6 +137,7 @@ class RCNMP(PopulationSearch):
             n_crossover=n_crossover,
             mutation=mutation,
             mutation_decay=mutation_decay,
+            n_explorers=n_explorers,
             pd_controller=pd_controller,
             initial_trajectories=initial_trajectories,
             buffer_size=buffer_size,
@@ -137,12 +154,12 @@ class RCNMP(PopulationSearch):
         )
 
     def _rules(self) -> dict[str, tuple[bool, str]]:
-        enough = 2 if self.n_crossover else 1
         return {
             "n_sampled": (
-                self.n_sampled >= enough,
-                f"at least {enough}" + (": a crossover needs two parents" if enough == 2 else ""),
+                self.n_sampled >= 0 and self.n_sampled + self.n_crossover > 0,
+                ">= 0, and positive without crossover",
             ),
+            "latent_std": (self.latent_std > 0, "> 0"),
             "beta": (self.beta >= 0, ">= 0"),
             "reward_scaling": (
                 self.reward_scaling in ("rank", "standardize"),
@@ -151,30 +168,49 @@ class RCNMP(PopulationSearch):
         } | super()._rules()
 
     def _draw_members(self) -> None:
-        """Draw latents from N(0, I) (III) and cross random pairs of them over (IV)."""
+        """Draw latents (III), and partners and cuts for both children of each crossover (IV)."""
         if not self.policy.is_scaled:  # the buffer was seeded by the user
             self._train()
-        shape = (self.n_sampled, self.policy.latent_dim)
-        latents = self.rng.standard_normal(shape).astype(np.float32)
-        n_time_points = self.policy.trajectory_shape[0]
-        before, after, cuts = crossover_pairs(
-            self.rng, self.n_sampled, self.n_crossover, n_time_points
+        rng, n_pairs = self.rng, self.n_crossover // 2
+        size, n_time_points = self.policy.latent_dim, self.policy.trajectory_shape[0]
+        latents = rng.standard_normal((2, self.n_sampled + n_pairs, size)).astype(np.float32)
+        pair = np.concatenate(
+            [np.arange(self.n_sampled), self.n_sampled + np.repeat(np.arange(n_pairs), 2)]
         )
-        self._plan = LatentPlan(
-            before=np.concatenate([latents, latents[before]]),
-            after=np.concatenate([latents, latents[after]]),
-            cuts=np.concatenate([np.full(self.n_sampled, n_time_points), cuts]),
+        rows = np.full(self.n_sampled + n_pairs, -1)
+        if self.elite_parents:
+            scores = scale_rewards(self.replay_buffer.rewards, self.reward_scaling)
+            weights = selection_weights(scores, self.temperature)
+            rows = rng.choice(len(scores), len(rows), p=weights)
+        self._plan = Plan(
+            latents=self.latent_std * latents[0, pair],
+            partner_latents=self.latent_std * latents[1, pair],
+            partner_rows=rows[pair],
+            cuts=rng.integers(1, n_time_points, len(rows))[pair],
+            partner_first=(np.arange(len(pair)) - self.n_sampled) % 2 == 0,
         )
 
     def _member(self, member: int, context: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Decode both latents of a member and blend them at its cut, shape (T, D)."""
-        plan = cast(LatentPlan, self._plan)
-        latents = np.stack([plan.before[member], plan.after[member]])
-        contexts = th.as_tensor(context, device=self.device).expand(2, -1)
+        plan = cast(Plan, self._plan)
+        sampled = self._decode(plan.latents[member], context)
+        if member < self.n_sampled:
+            return sampled
+        row, cut = int(plan.partner_rows[member]), int(plan.cuts[member])
+        if row < 0:
+            partner = self._decode(plan.partner_latents[member], context)
+        else:
+            partner = self.replay_buffer.trajectories[row].astype(np.float64)
+        if plan.partner_first[member]:
+            return blend(partner, sampled, cut)
+        return blend(sampled, partner, cut)
+
+    def _decode(
+        self, latent: NDArray[np.float32], context: NDArray[np.float32]
+    ) -> NDArray[np.float64]:
+        """Return the network's trajectory for one latent at the best reward, shape (T, D)."""
+        rows = [th.as_tensor(row[None], device=self.device) for row in (context, latent)]
         with th.no_grad():
-            decoded = self.policy.generate(contexts, th.as_tensor(latents, device=self.device))
-        before, after = decoded.cpu().numpy().astype(np.float64)
-        return blend(before, after, int(plan.cuts[member]))
+            return self.policy.generate(*rows)[0].cpu().numpy().astype(np.float64)
 
     def _end_generation(self, generation: Generation) -> None:
         super()._end_generation(generation)

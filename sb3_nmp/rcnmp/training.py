@@ -26,7 +26,7 @@ class TrainingSettings:
     :param max_conditioning_points: the encoder sees 1 to this many random points
     """
 
-    n_steps: int = 100
+    n_steps: int = 60
     batch_size: int = 16
     n_target_points: int = 20
     max_conditioning_points: int = 10

@@ -1,0 +1,1 @@
+"""One file for each figure, table and measurement that the project reports."""

@@ -1,0 +1,104 @@
+"""Speed of the simulator and of training, as ratios within one run.
+
+Run it alone on an idle machine: ``python -m results.experiments.speed``. It prints a Markdown
+table: the batched executor against a Python loop over the same model, and RC-NMP's training
+against the original code's batches of one trajectory with one target point.
+"""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import numpy as np
+import torch as th
+
+from benchmark_envs import make_task
+from benchmark_envs.executor import available_cores
+from benchmark_envs.tasks.bottles import BottlesTask
+from sb3_nmp import RCNMP, SmoothNoise, TrainingSettings
+
+N_ROLLOUTS = 128
+REPEATS = 5
+
+
+def rate(amount: int, work: Callable[[], object]) -> float:
+    """Return amount per second, the median of some repeats after one that is not counted.
+
+    :param amount: what one call does
+    :param work: the call
+    """
+    work()
+    seconds = []
+    for _ in range(REPEATS):
+        begin = time.perf_counter()
+        work()
+        seconds.append(time.perf_counter() - begin)
+    return amount / float(np.median(seconds))
+
+
+def python_loop(task: BottlesTask, context: np.ndarray, trajectories: np.ndarray) -> None:
+    """Step the same model in Python: set the controls, call ``mj_step``, read the sensors.
+
+    :param task: the bottles task
+    :param context: shape (4,)
+    :param trajectories: shape (N, T, 2)
+    """
+    data = mujoco.MjData(task.model)
+    full = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    state = task._initial_state(context)
+    for controls in task._controls(trajectories):
+        mujoco.mj_setState(task.model, data, state, full)
+        log = np.empty((len(controls), task.model.nsensordata))
+        for step, control in enumerate(controls):
+            data.ctrl[:] = control
+            mujoco.mj_step(task.model, data)
+            log[step] = data.sensordata
+
+
+def simulator_rows() -> list[tuple[str, float, str]]:
+    """Time the ways to run rollouts: name, rate and unit of each."""
+    tasks: dict[int, Any] = {n: make_task("nmp/Bottles-v0", n_threads=n) for n in (1, 2)}
+    task, rng = tasks[1], np.random.default_rng(0)
+    context = task.sample_context(rng)
+    noise = SmoothNoise(0.1).sample(rng, N_ROLLOUTS, task.trajectory_space.shape)
+    trajectories = task.initial_trajectory(context) + noise
+    rows = [
+        ("Python step loop", lambda: python_loop(task, context, trajectories)),
+        ("one by one, 1 thread", lambda: [task.simulate(context, t) for t in trajectories]),
+        ("batched, 1 thread", lambda: task.simulate(context, trajectories)),
+    ]
+    if available_cores() > 1:
+        rows.append(("batched, 2 threads", lambda: tasks[2].simulate(context, trajectories)))
+    return [(name, rate(N_ROLLOUTS, work), "rollouts/s") for name, work in rows]
+
+
+def training_rows() -> list[tuple[str, float, str]]:
+    """Time the training of the network: name, rate and unit of each."""
+    n_steps, rows = 200, []
+    for name, batch, points in (
+        ("batch of 1 x 1 point", 1, 1),
+        ("batch of 16 x 20 points", 16, 20),
+    ):
+        settings = TrainingSettings(n_steps, batch, points)
+        model = RCNMP("MlpPolicy", "nmp/Bottles-v0", seed=0).learn(20)
+        model.training = settings
+        steps = rate(n_steps, model._train)
+        rows.append((name, steps, "training steps/s"))
+        rows.append((name, steps * batch * points, "target points/s"))
+    return rows
+
+
+def main() -> None:
+    """Print the table."""
+    th.set_num_threads(1)
+    print("| what | rate | unit | ratio |\n|---|---|---|---|")
+    for rows in (simulator_rows(), training_rows()):
+        first: dict[str, float] = {}
+        for name, value, unit in rows:
+            base = first.setdefault(unit, value)
+            print(f"| {name} | {value:,.0f} | {unit} | {value / base:.2f} |")
+
+
+if __name__ == "__main__":
+    main()
