@@ -53,7 +53,7 @@ class BatchExecutor:
         self.n_threads = available_cores() if n_threads is None else n_threads
         self._pool: Rollout | None = None
         self._data: list[mujoco.MjData] = []
-        self._scratch: mujoco.MjData | None = None
+        self._scratch = mujoco.MjData(model)
 
     def _rollout(self, states: FloatArray, controls: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the physics states and sensor readings at every step, (N, T * substeps, *)."""
@@ -86,13 +86,12 @@ class BatchExecutor:
         :param qpos: shape (nq,)
         :return: shape (nstate,)
         """
-        if self._scratch is None:
-            self._scratch = mujoco.MjData(self.model)
-        mujoco.mj_resetData(self.model, self._scratch)
-        self._scratch.qpos[:] = qpos
+        scratch = self._scratch
+        mujoco.mj_resetData(self.model, scratch)
+        scratch.qpos[:] = qpos
         full = mujoco.mjtState.mjSTATE_FULLPHYSICS
         state = np.empty(mujoco.mj_stateSize(self.model, full))
-        mujoco.mj_getState(self.model, self._scratch, state, full)
+        mujoco.mj_getState(self.model, scratch, state, full)
         return state
 
     def states(self, state: FloatArray, controls: FloatArray) -> FloatArray:

@@ -30,6 +30,7 @@ class GA(PopulationSearch):
     :param n_crossover: members that are crossover children, even
     :param mutation: noise of the first generation, in the trajectory's unit; None switches it off
     :param mutation_decay: factor on the noise after each generation, in (0, 1]
+    :param mutation_rate: probability with which each basis of the noise takes part
     :param n_explorers: members whose noise has decayed less, by a random factor
     :param pd_controller: filter of every trajectory; None sends trajectories as they are
     :param initial_trajectories: guesses whose rewards are not known, shape (T, D) or (M, T, D)
@@ -56,7 +57,8 @@ class GA(PopulationSearch):
         n_copies: int = 10,
         n_crossover: int = 10,
         mutation: SmoothNoise | None = SmoothNoise(),  # noqa: B008 (frozen)
-        mutation_decay: float = 0.7,
+        mutation_decay: float = 0.8,
+        mutation_rate: float = 0.5,
         n_explorers: int = 0,
         pd_controller: PDController | None = PDController(),  # noqa: B008 (frozen)
         initial_trajectories: ArrayLike | None = None,
@@ -83,6 +85,7 @@ class GA(PopulationSearch):
             n_crossover=n_crossover,
             mutation=mutation,
             mutation_decay=mutation_decay,
+            mutation_rate=mutation_rate,
             n_explorers=n_explorers,
             pd_controller=pd_controller,
             initial_trajectories=initial_trajectories,

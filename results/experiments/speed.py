@@ -76,10 +76,8 @@ def simulator_rows() -> list[tuple[str, float, str]]:
 def training_rows() -> list[tuple[str, float, str]]:
     """Time the training of the network: name, rate and unit of each."""
     n_steps, rows = 200, []
-    for name, batch, points in (
-        ("batch of 1 x 1 point", 1, 1),
-        ("batch of 16 x 20 points", 16, 20),
-    ):
+    for batch, points in ((1, 1), (16, 20)):
+        name = f"batch of {batch} x {points}"
         settings = TrainingSettings(n_steps, batch, points)
         model = RCNMP("MlpPolicy", "nmp/Bottles-v0", seed=0).learn(20)
         model.training = settings

@@ -49,16 +49,19 @@ class SmoothNoise:
         return bases / np.linalg.norm(bases, axis=1, keepdims=True)
 
     def sample(
-        self, rng: np.random.Generator, n: int, shape: tuple[int, int]
+        self, rng: np.random.Generator, n: int, shape: tuple[int, int], rate: float = 1.0
     ) -> NDArray[np.float64]:
         """Draw n noise trajectories, shape (n, T, D).
 
         :param rng: the generator to draw from
         :param n: how many
         :param shape: (T, D)
+        :param rate: probability with which each basis takes part; below 1, a noise trajectory
+            leaves parts of the path as they are
         :raises ConfigurationError: sigma is None
         """
         if self.sigma is None:
             raise ConfigurationError("the noise's sigma is None; give it before drawing noise.")
         weights = rng.standard_normal((n, self.n_bases, shape[1]))
+        weights *= rng.uniform(size=(n, self.n_bases, 1)) < rate
         return np.asarray(self.sigma) * (self.bases(shape[0]) @ weights)

@@ -41,6 +41,8 @@ class PopulationSearch(TrajectoryAlgorithm):
     :param n_crossover: members that are crossover children, even
     :param mutation: noise of the first generation, in the trajectory's unit; None switches it off
     :param mutation_decay: factor on the noise after each generation, in (0, 1]
+    :param mutation_rate: probability with which each of the noise's bases takes part, after the
+        first generation
     :param n_explorers: members whose noise is scaled by a factor drawn log-uniformly between the
         decayed one and 1, so that a search whose noise has decayed can still leave a local optimum
     :param pd_controller: filter of every trajectory, from the initial trajectory's first point to
@@ -69,6 +71,7 @@ class PopulationSearch(TrajectoryAlgorithm):
         n_crossover: int,
         mutation: SmoothNoise | None,
         mutation_decay: float,
+        mutation_rate: float,
         n_explorers: int,
         pd_controller: PDController | None,
         initial_trajectories: ArrayLike | None,
@@ -88,6 +91,7 @@ class PopulationSearch(TrajectoryAlgorithm):
         self.n_crossover = n_crossover
         self.mutation = mutation
         self.mutation_decay = mutation_decay
+        self.mutation_rate = mutation_rate
         self.n_explorers = n_explorers
         self.pd_controller = pd_controller
         self.initial_trajectories = initial_trajectories
@@ -134,6 +138,7 @@ class PopulationSearch(TrajectoryAlgorithm):
                 "even and >= 0: each pair of parents has two children",
             ),
             "mutation_decay": (0 < self.mutation_decay <= 1, "in (0, 1]"),
+            "mutation_rate": (0 < self.mutation_rate <= 1, "in (0, 1]"),
             "n_explorers": (
                 0 <= self.n_explorers < self.n_plain + self.n_crossover,
                 "at least 0 and less than the population",
@@ -172,7 +177,8 @@ class PopulationSearch(TrajectoryAlgorithm):
             exponents = np.full(n, float(self._n_updates))
             exponents[n - self.n_explorers :] *= self.rng.uniform(size=self.n_explorers)
             scales = self.mutation_decay**exponents
-            noise = scales[:, None, None] * self.mutation.sample(self.rng, n, shape)
+            rate = 1.0 if len(self.replay_buffer) == 0 else self.mutation_rate
+            noise = self.mutation.sample(self.rng, n, shape, rate) * scales[:, None, None]
             self.logger.record("train/mutation_scale", scales[0])
         if len(self.replay_buffer) == 0:
             noise[: len(self.initial)] = 0.0

@@ -68,6 +68,7 @@ class RCNMP(PopulationSearch):
     :param latent_std: standard deviation of the latents in the search, where training has 1
     :param mutation: noise of the first generation, in the trajectory's unit; None switches it off
     :param mutation_decay: factor on the noise after each generation, in (0, 1]
+    :param mutation_rate: probability with which each basis of the noise takes part
     :param n_explorers: members whose noise has decayed less, by a random factor
     :param pd_controller: filter of every trajectory, from the initial trajectory's first point to
         its last one; None sends trajectories as they are
@@ -104,6 +105,7 @@ class RCNMP(PopulationSearch):
         latent_std: float = 3.0,
         mutation: SmoothNoise | None = SmoothNoise(),  # noqa: B008 (frozen)
         mutation_decay: float = 0.65,
+        mutation_rate: float = 0.5,
         n_explorers: int = 2,
         pd_controller: PDController | None = PDController(),  # noqa: B008 (frozen)
         initial_trajectories: ArrayLike | None = None,
@@ -137,6 +139,7 @@ class RCNMP(PopulationSearch):
             n_crossover=n_crossover,
             mutation=mutation,
             mutation_decay=mutation_decay,
+            mutation_rate=mutation_rate,
             n_explorers=n_explorers,
             pd_controller=pd_controller,
             initial_trajectories=initial_trajectories,
