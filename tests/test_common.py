@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from baselines.ga.ga import crossover_pairs
-from sb3_nmp.common.buffer import TrajectoryBuffer, ranks, scale_rewards, selection_weights
+from sb3_nmp.common.buffer import TrajectoryBuffer, scale_rewards, selection_weights
 from sb3_nmp.common.elites import EliteMemory
 from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
 from sb3_nmp.common.networks import NeuralProcess
@@ -102,12 +102,12 @@ def test_controller_gains_outside_their_range_are_refused() -> None:
 @given(REWARDS)
 @settings(max_examples=50, deadline=None)
 def test_ranks_depend_on_the_order_alone(rewards: np.ndarray) -> None:
-    ranked = ranks(rewards)
+    ranked = scale_rewards(rewards, "rank")
     assert ranked.max() == 1.0
     assert ranked.min() == -1.0 or len(np.unique(rewards)) == 1
     i, j = np.unravel_index(np.arange(len(rewards) ** 2), (len(rewards),) * 2)
     np.testing.assert_array_equal(np.sign(ranked[i] - ranked[j]), np.sign(rewards[i] - rewards[j]))
-    np.testing.assert_allclose(ranks(np.exp(rewards / 50) - 7), ranked)
+    np.testing.assert_allclose(scale_rewards(np.exp(rewards / 50) - 7, "rank"), ranked)
 
 
 @given(REWARDS, st.floats(0.01, 100))
@@ -115,12 +115,14 @@ def test_ranks_depend_on_the_order_alone(rewards: np.ndarray) -> None:
 def test_selection_weights_are_probabilities_that_favour_the_better(
     rewards: np.ndarray, temperature: float
 ) -> None:
-    weights = selection_weights(ranks(rewards), temperature)
+    weights = selection_weights(rewards, temperature)
     assert weights.sum() == pytest.approx(1.0)
-    assert weights[np.argmax(rewards)] == weights.max()
+    assert (np.diff(weights[np.argsort(rewards)]) >= -1e-15).all()
 
 
-def test_an_infinite_temperature_draws_all_alike() -> None:
+def test_selection_weights_fall_by_e_every_temperature_places() -> None:
+    weights = selection_weights(np.array([5.0, -2.0, 9.0, 1.0]), 2.0)
+    np.testing.assert_allclose(weights[[0, 3, 1]] / weights[2], np.exp([-0.5, -1.0, -1.5]))
     np.testing.assert_allclose(selection_weights(np.array([-1.0, 0.3, 1.0]), math.inf), 1 / 3)
 
 

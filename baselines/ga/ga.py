@@ -12,7 +12,7 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv
 
 from baselines.ga.policies import ElitePolicy
-from sb3_nmp.common.buffer import ranks, selection_weights
+from sb3_nmp.common.buffer import selection_weights
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.pd_controller import PDController
 from sb3_nmp.common.population import PopulationSearch, blend
@@ -22,7 +22,7 @@ class GA(PopulationSearch):
     """Genetic algorithm on trajectories: parents drawn by rank, crossover in time, mutation.
 
     It is `sb3_nmp.RCNMP` without its network: where RC-NMP decodes a latent, this copies a stored
-    rollout, drawn with weight exp(rank / temperature).
+    rollout, drawn by its place among all of them.
 
     :param policy: ``"MlpPolicy"``, kept for SB3's sake: there is no network
     :param env: the environment or its id
@@ -31,12 +31,13 @@ class GA(PopulationSearch):
     :param mutation: noise of the first generation, in the trajectory's unit; None switches it off
     :param mutation_decay: factor on the noise after each generation, in (0, 1]
     :param mutation_rate: probability with which each basis of the noise takes part
-    :param n_explorers: members whose noise has decayed less, by a random factor
+    :param n_explorers: members of every generation, the first ones, that mutate the initial
+        trajectory as in the first generation
     :param pd_controller: filter of every trajectory; None sends trajectories as they are
     :param initial_trajectories: guesses whose rewards are not known, shape (T, D) or (M, T, D)
     :param buffer_size: rollouts kept; None keeps all
     :param n_elites: best rollouts that a full buffer never drops
-    :param temperature: scale of the ranks in [-1, 1] by which parents are drawn
+    :param temperature: parents are drawn with probability proportional to exp(-place / this)
     :param policy_kwargs: further arguments of the policy
     :param stats_window_size: rollouts over which the log averages
     :param tensorboard_log: folder for TensorBoard; None switches it off
@@ -54,8 +55,8 @@ class GA(PopulationSearch):
         self,
         policy: str | type[ElitePolicy],
         env: GymEnv | str,
-        n_copies: int = 10,
-        n_crossover: int = 10,
+        n_copies: int = 2,
+        n_crossover: int = 18,
         mutation: SmoothNoise | None = SmoothNoise(),  # noqa: B008 (frozen)
         mutation_decay: float = 0.8,
         mutation_rate: float = 0.5,
@@ -64,7 +65,7 @@ class GA(PopulationSearch):
         initial_trajectories: ArrayLike | None = None,
         buffer_size: int | None = None,
         n_elites: int = 1,
-        temperature: float = 0.02,
+        temperature: float = 2.0,
         policy_kwargs: dict[str, Any] | None = None,
         stats_window_size: int = 100,
         tensorboard_log: str | None = None,
@@ -104,7 +105,7 @@ class GA(PopulationSearch):
 
     def _draw_members(self) -> None:
         """Draw a stored rollout for each member, and a second one for crossover children."""
-        weights = selection_weights(ranks(self.replay_buffer.rewards), self.temperature)
+        weights = selection_weights(self.replay_buffer.rewards, self.temperature)
         n = self.population_size
         self._parents = self.rng.choice(len(self.replay_buffer), n, p=weights)
         before, after, cuts = crossover_pairs(

@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import rankdata
 
 from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
 
@@ -139,41 +140,38 @@ class TrajectoryBuffer:
         self.__dict__.update(loaded.__dict__)
 
 
-def ranks(rewards: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Replace rewards by their rank, from -1 (worst) to 1 (best); equal rewards share a rank.
+def places(rewards: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return the place of each reward: 0 for the best; equal rewards share their mean place.
 
     :param rewards: shape (N,)
-    :return: shape (N,); a single reward gets rank 1
+    :return: shape (N,)
     """
-    if len(rewards) == 1:
-        return np.ones(1)
-    values, inverse, counts = np.unique(rewards, return_inverse=True, return_counts=True)
-    if len(values) == 1:
-        return np.ones(len(rewards))
-    below = np.cumsum(counts) - counts
-    middle = below + (counts - 1) / 2
-    scaled = 2 * (middle - middle[0]) / (middle[-1] - middle[0]) - 1
-    return scaled[inverse]
+    return rankdata(-rewards, method="average") - 1.0
 
 
 def scale_rewards(
     rewards: NDArray[np.floating], scaling: Literal["rank", "standardize"]
 ) -> NDArray[np.float64]:
-    """Return rewards on a scale that a network and a temperature can be set for, shape (N,).
+    """Return rewards on a scale that a network can be fed with, shape (N,).
 
     :param rewards: shape (N,)
-    :param scaling: ``"rank"`` (`ranks`), or ``"standardize"``: mean 0, standard deviation 1
+    :param scaling: ``"rank"``: by place, from 1 for the best to -1 for the worst; or
+        ``"standardize"``: mean 0, standard deviation 1
     """
     if scaling == "rank":
-        return ranks(rewards)
+        place = places(rewards)
+        spread = float(np.ptp(place))
+        return 1.0 - 2.0 * (place - place.min()) / spread if spread else np.ones(len(rewards))
     return (rewards - rewards.mean()) / max(float(rewards.std()), 1e-8)
 
 
-def selection_weights(scores: NDArray[np.float64], temperature: float) -> NDArray[np.float64]:
-    """Return the probabilities exp(score / temperature), normalised, shape (N,).
+def selection_weights(rewards: NDArray[np.floating], temperature: float) -> NDArray[np.float64]:
+    """Return the probabilities exp(-place / temperature), normalised, shape (N,).
 
-    :param scores: such as `ranks`, shape (N,)
-    :param temperature: small ones choose the best only; infinity chooses uniformly
+    :param rewards: shape (N,)
+    :param temperature: in places: about so many of the best rollouts share most of the
+        probability; infinity draws all alike
     """
-    weights = np.exp((scores - scores.max()) / temperature)
+    place = places(rewards)
+    weights = np.exp((place.min() - place) / temperature)
     return weights / weights.sum()

@@ -43,15 +43,15 @@ class PopulationSearch(TrajectoryAlgorithm):
     :param mutation_decay: factor on the noise after each generation, in (0, 1]
     :param mutation_rate: probability with which each of the noise's bases takes part, after the
         first generation
-    :param n_explorers: members whose noise is scaled by a factor drawn log-uniformly between the
-        decayed one and 1, so that a search whose noise has decayed can still leave a local optimum
+    :param n_explorers: members of every generation that are made as in the first one, so that a
+        search whose noise has decayed can still leave a local optimum
     :param pd_controller: filter of every trajectory, from the initial trajectory's first point to
         its last one; None sends trajectories as they are
     :param initial_trajectories: guesses whose rewards are not known, shape (T, D) or (M, T, D); by
         default the environment's ``initial_trajectory``
     :param buffer_size: rollouts kept; None keeps all
     :param n_elites: best rollouts that a full buffer never drops
-    :param temperature: scale of the rewards' ranks, > 0: small ones prefer the best rollouts
+    :param temperature: in places, > 0: small ones prefer the best rollouts
     :param learning_rate: see `TrajectoryAlgorithm`, as for the rest
     :param policy_kwargs: further arguments of the policy
     :param stats_window_size: rollouts over which the log averages
@@ -168,18 +168,24 @@ class PopulationSearch(TrajectoryAlgorithm):
             self._initial = initial
         return self._initial
 
+    @property
+    def _n_fresh(self) -> int:
+        """How many members, the first ones, mutate an initial trajectory."""
+        return self.population_size if len(self.replay_buffer) == 0 else self.n_explorers
+
     def _begin_generation(self) -> None:
         n, shape = self.population_size, self.policy.trajectory_shape
         noise = np.zeros((n, *shape))
         if self.mutation is not None:
             if self.mutation.sigma is None:
                 self.mutation = replace(self.mutation, sigma=self.exploration_scale())
-            exponents = np.full(n, float(self._n_updates))
-            exponents[n - self.n_explorers :] *= self.rng.uniform(size=self.n_explorers)
-            scales = self.mutation_decay**exponents
-            rate = 1.0 if len(self.replay_buffer) == 0 else self.mutation_rate
-            noise = self.mutation.sample(self.rng, n, shape, rate) * scales[:, None, None]
-            self.logger.record("train/mutation_scale", scales[0])
+            fresh = self._n_fresh
+            scale = self.mutation_decay**self._n_updates
+            noise[:fresh] = self.mutation.sample(self.rng, fresh, shape)
+            noise[fresh:] = scale * self.mutation.sample(
+                self.rng, n - fresh, shape, self.mutation_rate
+            )
+            self.logger.record("train/mutation_scale", scale)
         if len(self.replay_buffer) == 0:
             noise[: len(self.initial)] = 0.0
         else:
@@ -195,7 +201,7 @@ class PopulationSearch(TrajectoryAlgorithm):
         noise, ends = cast(NDArray[np.float64], self._noise), self.initial.mean(axis=0)[[0, -1]]
         proposed = []
         for member, context in zip(range(members.start, members.stop), contexts, strict=True):
-            if len(self.replay_buffer) == 0:
+            if member < self._n_fresh:
                 desired = self.initial[member % len(self.initial)]
             else:
                 desired = self._member(member, context)

@@ -69,16 +69,19 @@ class RCNMP(PopulationSearch):
     :param mutation: noise of the first generation, in the trajectory's unit; None switches it off
     :param mutation_decay: factor on the noise after each generation, in (0, 1]
     :param mutation_rate: probability with which each basis of the noise takes part
-    :param n_explorers: members whose noise has decayed less, by a random factor
+    :param n_explorers: members of every generation, the first ones, that mutate the initial
+        trajectory as in the first generation
     :param pd_controller: filter of every trajectory, from the initial trajectory's first point to
         its last one; None sends trajectories as they are
     :param initial_trajectories: demonstrations or guesses whose rewards are not known, shape
         (T, D) or (M, T, D); by default the environment's ``initial_trajectory``
     :param buffer_size: rollouts kept; None keeps all
     :param n_elites: best rollouts that a full buffer never drops
-    :param reward_scaling: how rewards enter: ``"rank"`` in [-1, 1], or ``"standardize"``
+    :param reward_scaling: how the network sees rewards: ``"rank"`` in [-1, 1], or
+        ``"standardize"``
     :param reward_conditioning: whether the network sees the reward
-    :param temperature: rollouts are drawn for training with weight exp(scaled reward / this)
+    :param temperature: rollouts are drawn, for training and as parents, with probability
+        proportional to exp(-place / this), where the best has place 0
     :param beta: weight of the KL divergence in Eq. 6.2
     :param training: length and mini-batches of the training after each generation
     :param policy_kwargs: further arguments of `RCNMPPolicy`
@@ -104,16 +107,16 @@ class RCNMP(PopulationSearch):
         elite_parents: bool = True,
         latent_std: float = 3.0,
         mutation: SmoothNoise | None = SmoothNoise(),  # noqa: B008 (frozen)
-        mutation_decay: float = 0.65,
+        mutation_decay: float = 0.7,
         mutation_rate: float = 0.5,
-        n_explorers: int = 2,
+        n_explorers: int = 0,
         pd_controller: PDController | None = PDController(),  # noqa: B008 (frozen)
         initial_trajectories: ArrayLike | None = None,
         buffer_size: int | None = None,
         n_elites: int = 1,
         reward_scaling: Literal["rank", "standardize"] = "rank",
         reward_conditioning: bool = True,
-        temperature: float = 0.05,
+        temperature: float = 4.0,
         beta: float = 0.3,
         training: TrainingSettings = TrainingSettings(),  # noqa: B008 (frozen)
         policy_kwargs: dict[str, Any] | None = None,
@@ -182,9 +185,8 @@ class RCNMP(PopulationSearch):
         )
         rows = np.full(self.n_sampled + n_pairs, -1)
         if self.elite_parents:
-            scores = scale_rewards(self.replay_buffer.rewards, self.reward_scaling)
-            weights = selection_weights(scores, self.temperature)
-            rows = rng.choice(len(scores), len(rows), p=weights)
+            weights = selection_weights(self.replay_buffer.rewards, self.temperature)
+            rows = rng.choice(len(weights), len(rows), p=weights)
         self._plan = Plan(
             latents=self.latent_std * latents[0, pair],
             partner_latents=self.latent_std * latents[1, pair],
@@ -237,7 +239,7 @@ class RCNMP(PopulationSearch):
             policy.times,
             policy.normalise(buffer.trajectories),
             policy.condition(contexts, rewards),
-            selection_weights(scores, self.temperature),
+            selection_weights(buffer.rewards, self.temperature),
             policy.latent_dim,
             self.rng,
         ):
