@@ -25,11 +25,12 @@ def _rcnmp(**settings: object) -> Algorithm:
 # RC-NMP with one element switched off, or taken back to the original code's choice, at a time.
 ABLATIONS: dict[str, Algorithm] = {
     "RC-NMP": ALGORITHMS["RC-NMP"],
+    "no explorer": _rcnmp(n_explorers=0),
     "no network (GA)": ALGORITHMS["GA"],
     "no crossover": _rcnmp(n_sampled=20, n_crossover=0),
-    "latent parents only": _rcnmp(elite_parents=False),
+    "latent parents only": _rcnmp(elite_parents=0.0),
     "no mutation": _rcnmp(mutation=None),
-    "no explorers": _rcnmp(n_explorers=0),
+    "dense mutation": _rcnmp(mutation_rate=1.0),
     "rough mutation": _rcnmp(mutation=SmoothNoise(n_bases=20)),
     "isotropic mutation": _rcnmp(mutation=SmoothNoise(0.15)),
     "no PD controller": _rcnmp(pd_controller=None),
@@ -37,6 +38,7 @@ ABLATIONS: dict[str, Algorithm] = {
     "no KL term": _rcnmp(beta=0.0),
     "latents from N(0, I)": _rcnmp(latent_std=1.0),
     "standardised rewards": _rcnmp(reward_scaling="standardize"),
+    "greedy draws": _rcnmp(temperature=1.0),
     "uniform draws": _rcnmp(temperature=math.inf),
     "last generation only": _rcnmp(buffer_size=20, n_elites=0),
     "time as it is": _rcnmp(policy_kwargs={"n_frequencies": 0}),

@@ -22,21 +22,17 @@ from sb3_nmp.rcnmp.training import Elbo, TrainingSettings, batches, elbo
 class Plan:
     """What a generation's N members are made of, drawn before their contexts are known.
 
-    The first members are decoded from ``latents``; crossover children blend that with a partner
-    at a cut in time: a stored rollout, or what ``partner_latents`` decode to.
+    A member follows its first parent until its cut in time, and its second parent from it on. A
+    parent is a stored rollout, or what its latent decodes to.
 
-    :param latents: shape (N, Z)
-    :param partner_latents: shape (N, Z)
-    :param partner_rows: stored rollouts by their row in the buffer, shape (N,); -1 for none
-    :param cuts: time index of the cut, shape (N,)
-    :param partner_first: whether the partner makes the part before the cut, shape (N,)
+    :param latents: of both parents, shape (2, N, Z)
+    :param rows: of both parents: the stored rollout's row in the buffer, -1 for none, shape (2, N)
+    :param cuts: time index of the cut, shape (N,); T where there is no second parent
     """
 
     latents: NDArray[np.float32]
-    partner_latents: NDArray[np.float32]
-    partner_rows: NDArray[np.int_]
+    rows: NDArray[np.int_]
     cuts: NDArray[np.int_]
-    partner_first: NDArray[np.bool_]
 
 
 class RCNMP(PopulationSearch):
@@ -63,8 +59,8 @@ class RCNMP(PopulationSearch):
     :param learning_rate: of Adam, or a schedule of it
     :param n_sampled: members of a generation that are decoded from one latent
     :param n_crossover: members that are crossover children, even
-    :param elite_parents: one parent of each crossover is a stored rollout, drawn like those for
-        training; otherwise both are decoded latents, as in the thesis
+    :param elite_parents: probability that a parent of a crossover is a stored rollout, drawn like
+        those for training, instead of a decoded latent; 0 is the thesis's crossover
     :param latent_std: standard deviation of the latents in the search, where training has 1
     :param mutation: noise of the first generation, in the trajectory's unit; None switches it off
     :param mutation_decay: factor on the noise after each generation, in (0, 1]
@@ -104,12 +100,12 @@ class RCNMP(PopulationSearch):
         learning_rate: float | Schedule = 3e-3,
         n_sampled: int = 4,
         n_crossover: int = 16,
-        elite_parents: bool = True,
+        elite_parents: float = 0.6,
         latent_std: float = 3.0,
         mutation: SmoothNoise | None = SmoothNoise(),  # noqa: B008 (frozen)
-        mutation_decay: float = 0.7,
+        mutation_decay: float = 0.75,
         mutation_rate: float = 0.5,
-        n_explorers: int = 0,
+        n_explorers: int = 1,
         pd_controller: PDController | None = PDController(),  # noqa: B008 (frozen)
         initial_trajectories: ArrayLike | None = None,
         buffer_size: int | None = None,
@@ -165,6 +161,7 @@ class RCNMP(PopulationSearch):
                 self.n_sampled >= 0 and self.n_sampled + self.n_crossover > 0,
                 ">= 0, and positive without crossover",
             ),
+            "elite_parents": (0 <= self.elite_parents <= 1, "in [0, 1]"),
             "latent_std": (self.latent_std > 0, "> 0"),
             "beta": (self.beta >= 0, ">= 0"),
             "reward_scaling": (
@@ -174,40 +171,40 @@ class RCNMP(PopulationSearch):
         } | super()._rules()
 
     def _draw_members(self) -> None:
-        """Draw latents (III), and partners and cuts for both children of each crossover (IV)."""
+        """Draw latents for samples (III), and parents and cuts for pairs of children (IV)."""
         if not self.policy.is_scaled:  # the buffer was seeded by the user
             self._train()
-        rng, n_pairs = self.rng, self.n_crossover // 2
-        size, n_time_points = self.policy.latent_dim, self.policy.trajectory_shape[0]
-        latents = rng.standard_normal((2, self.n_sampled + n_pairs, size)).astype(np.float32)
-        pair = np.concatenate(
-            [np.arange(self.n_sampled), self.n_sampled + np.repeat(np.arange(n_pairs), 2)]
-        )
-        rows = np.full(self.n_sampled + n_pairs, -1)
-        if self.elite_parents:
-            weights = selection_weights(self.replay_buffer.rewards, self.temperature)
-            rows = rng.choice(len(weights), len(rows), p=weights)
+        rng, n_time_points = self.rng, self.policy.trajectory_shape[0]
+        n_draws = self.n_sampled + self.n_crossover // 2
+        shape = (2, n_draws, self.policy.latent_dim)
+        latents = self.latent_std * rng.standard_normal(shape).astype(np.float32)
+        weights = selection_weights(self.replay_buffer.rewards, self.temperature)
+        rows = rng.choice(len(weights), (2, n_draws), p=weights)
+        rows[rng.uniform(size=rows.shape) >= self.elite_parents] = -1
+        rows[:, : self.n_sampled] = -1
+        cuts = rng.integers(1, n_time_points, n_draws)
+        cuts[: self.n_sampled] = n_time_points
+        twins = slice(self.n_sampled, None)  # the second child has the parents swapped
         self._plan = Plan(
-            latents=self.latent_std * latents[0, pair],
-            partner_latents=self.latent_std * latents[1, pair],
-            partner_rows=rows[pair],
-            cuts=rng.integers(1, n_time_points, len(rows))[pair],
-            partner_first=(np.arange(len(pair)) - self.n_sampled) % 2 == 0,
+            latents=np.concatenate([latents, latents[::-1, twins]], axis=1),
+            rows=np.concatenate([rows, rows[::-1, twins]], axis=1),
+            cuts=np.concatenate([cuts, cuts[twins]]),
         )
 
     def _member(self, member: int, context: NDArray[np.float32]) -> NDArray[np.float64]:
+        cut = int(cast(Plan, self._plan).cuts[member])
+        first = self._parent(0, member, context)
+        if cut == len(first):
+            return first
+        return blend(first, self._parent(1, member, context), cut)
+
+    def _parent(self, which: int, member: int, context: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Return the first (0) or second (1) parent of a member, shape (T, D)."""
         plan = cast(Plan, self._plan)
-        sampled = self._decode(plan.latents[member], context)
-        if member < self.n_sampled:
-            return sampled
-        row, cut = int(plan.partner_rows[member]), int(plan.cuts[member])
-        if row < 0:
-            partner = self._decode(plan.partner_latents[member], context)
-        else:
-            partner = self.replay_buffer.trajectories[row].astype(np.float64)
-        if plan.partner_first[member]:
-            return blend(partner, sampled, cut)
-        return blend(sampled, partner, cut)
+        row = int(plan.rows[which, member])
+        if row >= 0:
+            return self.replay_buffer.trajectories[row].astype(np.float64)
+        return self._decode(plan.latents[which, member], context)
 
     def _decode(
         self, latent: NDArray[np.float32], context: NDArray[np.float32]
