@@ -1,6 +1,7 @@
 """What a run is: an algorithm with its settings, a task, a seed and a budget."""
 
 import dataclasses
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -129,6 +130,8 @@ def plain(value: Any) -> Any:  # noqa: ANN401
     :param value: None, a number, text, a class, a dataclass, or a collection of these
     :raises BenchmarkError: any other value, which could not be compared between runs
     """
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)  # JSON has no infinity
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, np.ndarray | np.generic):

@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from results.aggregate import compare, summarise
+from results.suites import ALGORITHMS
 
 VIEWS = ("greedy", "best")
 COLUMNS = ("solved", "rollouts", "reward", "IQM")  # of each view
@@ -71,6 +72,7 @@ def footnotes(runs: pd.DataFrame) -> list[str]:
         "budget. reward: at the end of the budget, median. IQM: interquartile mean of the same, "
         "with its 95 % bootstrap interval over seeds. time: median seconds a run on one thread, "
         "rollouts included, greedy evaluations not.",
+        *_descriptions(runs),
         *_origins(runs),
     ]
 
@@ -197,8 +199,8 @@ def _cells(row: Mapping[Hashable, Any], view: str) -> tuple[tuple[str, str], ...
         _rollouts(row[f"{view}_rollouts_{end}"], row["budget"]) for end in ("median", "q25", "q75")
     )
     low, high = row[f"{view}_iqm_low"], row[f"{view}_iqm_high"]
-    interval = "one seed" if math.isnan(low) else f"[{low:.3f},{high:.3f}]"
-    reward, mean = (f"{row[f'{view}_{name}']:.3f}" for name in ("reward_median", "iqm"))
+    interval = "one seed" if math.isnan(low) else f"[{low:.4f},{high:.4f}]"
+    reward, mean = (f"{row[f'{view}_{name}']:.4f}" for name in ("reward_median", "iqm"))
     return (
         solved,
         (median, f"({q25}–{q75})" if q25 != q75 else f"({q25})"),
@@ -220,6 +222,13 @@ def _probability(row: Mapping[Hashable, Any], name: str) -> str:
 def _title(task: str, runs: pd.DataFrame) -> str:
     chosen = runs.loc[runs["task"] == task]
     return f"{task}, budget {_listing(chosen['budget'])} rollouts"
+
+
+def _descriptions(runs: pd.DataFrame) -> list[str]:
+    """Say in a line what the algorithms are, as far as the suites describe them."""
+    known = {label: a.description for label, a in ALGORITHMS.items() if a.description}
+    present = [label for label in known if label in set(runs["label"])]
+    return ["; ".join(f"{label}: {known[label]}" for label in present) + "."] if present else []
 
 
 def _origins(runs: pd.DataFrame) -> list[str]:

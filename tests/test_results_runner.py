@@ -14,7 +14,7 @@ from results.planning import plan_runs
 from results.progress import run_with_progress
 from results.records import Record, curves_frame, read_record, read_records, write_record
 from results.runner import RolloutCounters, execute, pinned_task, run_plan
-from results.specification import Algorithm, RunSpecification
+from results.specification import Algorithm, RunSpecification, plain
 
 TASK = "nmp/Bottles-v0"
 
@@ -197,3 +197,7 @@ def test_a_foreign_file_is_named(tmp_path: Path, text: str):
     (tmp_path / "foreign.json").write_text(text)
     with pytest.raises(BenchmarkError, match=r"foreign\.json"):
         read_records(tmp_path)
+
+
+def test_infinite_settings_are_kept_as_text() -> None:
+    assert plain({"temperature": float("inf"), "beta": 0.3}) == {"temperature": "inf", "beta": 0.3}
