@@ -111,17 +111,17 @@ class GA(PopulationSearch):
         before, after, cuts = crossover_pairs(
             self.rng, n, self.n_crossover, self.policy.trajectory_shape[0]
         )
-        self._before, self._after, self._cuts = before, after, cuts
+        self._before, self._after = self._parents[before], self._parents[after]
+        self._cuts = cuts
 
     def _member(self, member: int, context: NDArray[np.float32]) -> NDArray[np.float64]:
         del context  # parents are rollouts of any context
-        stored = self.replay_buffer.trajectories.astype(np.float64)
+        stored = self.replay_buffer.trajectories
         if member < self.n_copies:
-            return stored[self._parents[member]]
+            return stored[self._parents[member]].astype(np.float64)
         child = member - self.n_copies
-        before = stored[self._parents[self._before[child]]]
-        after = stored[self._parents[self._after[child]]]
-        return blend(before, after, int(self._cuts[child]))
+        before, after = stored[self._before[child]], stored[self._after[child]]
+        return blend(before, after, int(self._cuts[child])).astype(np.float64)
 
 
 def crossover_pairs(

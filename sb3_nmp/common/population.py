@@ -244,7 +244,7 @@ class PopulationSearch(TrajectoryAlgorithm):
         self._observe(Generation(buffer.contexts, buffer.trajectories, buffer.rewards))
 
 
-def blend(before: NDArray[np.float64], after: NDArray[np.float64], cut: int) -> NDArray[np.float64]:
+def blend(before: NDArray[Any], after: NDArray[Any], cut: int) -> NDArray[Any]:
     """Return the trajectory that follows one parent until the cut and the other from it on.
 
     :param before: shape (T, D)

@@ -39,15 +39,16 @@ class RCNMP(PopulationSearch):
     """Reward Conditioned Neural Movement Primitives (thesis 6.1).
 
     A generation, with the numerals of Fig. 6.1: train the reward-conditioned neural process on
-    the replay buffer (I, II, Eq. 6.2); decode latents drawn from N(0, I) at the best reward (III);
-    cross pairs of latents over in time (IV); add smooth noise (V); filter by a PD controller (VI,
-    Eq. 6.3); execute, and store what was executed. The first generation is the initial trajectory
-    and mutations of it.
+    the replay buffer (I, II, Eq. 6.2); decode latents drawn from a Gaussian at the best reward
+    (III); cross pairs of parents, latents or stored rollouts, over in time (IV); add smooth noise
+    (V); filter by a PD controller (VI, Eq. 6.3); execute, and store what was sent. The first
+    generation is the initial trajectory and mutations of it.
 
     Where this departs from the original code (measured in results/experiments/rcnmp_bottles.md):
     the buffer keeps every rollout; rewards enter as ranks; good rollouts are drawn more often in
-    training; the noise is smoother; both crossover children are kept with their parents swapped;
-    what is stored has passed the PD controller.
+    training; the latents of the search are wider than the prior; parents of a crossover may be
+    stored rollouts; the noise is smoother and, after the first generation, sparse; both crossover
+    children are kept with their parents swapped; what is stored has passed the PD controller.
 
     Every element can be switched off: ``n_crossover=0``, ``mutation=None``,
     ``pd_controller=None``, ``reward_conditioning=False``, ``beta=0``, ``temperature=math.inf``
