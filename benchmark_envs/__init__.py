@@ -7,16 +7,19 @@ from benchmark_envs.exceptions import (
     TaskError,
     UnknownTaskError,
 )
+from benchmark_envs.leave_one_out import leave_one_out
 from benchmark_envs.registry import make_task, register_task, task_ids
 from benchmark_envs.task import Rollouts, Task
-from benchmark_envs.tasks import BottlesTask
+from benchmark_envs.tasks import ApertureTask, BottlesTask, PushTask
 from benchmark_envs.trajectory_env import TrajectoryEnv
 from benchmark_envs.trajectory_vec_env import TrajectoryVecEnv
 
 __all__ = [
+    "ApertureTask",
     "BottlesTask",
     "InvalidContextError",
     "InvalidTrajectoryError",
+    "PushTask",
     "RenderingUnavailableError",
     "Rollouts",
     "Task",
@@ -24,6 +27,7 @@ __all__ = [
     "TrajectoryEnv",
     "TrajectoryVecEnv",
     "UnknownTaskError",
+    "leave_one_out",
     "make_task",
     "register_task",
     "task_ids",

@@ -32,6 +32,7 @@ class Rollouts:
     :param clipped: whether a set-point lay outside the trajectory space, shape (N,)
     :param terms: the reward's terms by name, each of shape (N,); they add up to the reward
     :param paths: positions of moved objects by name, each of shape (N, T, 2 or 3) in m
+    :param step_rewards: where the reward is a sum over time, its summands, shape (N, T)
     """
 
     contexts: FloatArray
@@ -43,6 +44,7 @@ class Rollouts:
     clipped: BoolArray
     terms: dict[str, FloatArray] = field(default_factory=dict)
     paths: dict[str, FloatArray] = field(default_factory=dict)
+    step_rewards: FloatArray | None = None
 
     def __len__(self) -> int:
         """Return the number of rollouts, N."""
@@ -64,6 +66,7 @@ class Rollouts:
             clipped=self.clipped[rows],
             terms={name: term[rows] for name, term in self.terms.items()},
             paths={name: path[rows] for name, path in self.paths.items()},
+            step_rewards=None if self.step_rewards is None else self.step_rewards[rows],
         )
 
     def info(self, index: int) -> dict[str, Any]:
@@ -71,7 +74,8 @@ class Rollouts:
 
         :param index: which of the N rollouts
         :return: scalars ``is_success``, ``diverged``, ``clipped`` and ``reward_<term>``, and the
-            arrays ``executed_trajectory`` (T, D) and ``path_<object>`` (T, 2 or 3)
+            arrays ``executed_trajectory`` (T, D), ``path_<object>`` (T, 2 or 3) and, where the
+            reward is a sum over time, ``step_rewards`` (T,)
         """
         info: dict[str, Any] = {
             "is_success": bool(self.successes[index]),
@@ -80,6 +84,8 @@ class Rollouts:
             "executed_trajectory": self.executed[index],
         }
         info |= {f"reward_{name}": float(term[index]) for name, term in self.terms.items()}
+        if self.step_rewards is not None:
+            info["step_rewards"] = self.step_rewards[index]
         return info | {f"path_{name}": path[index] for name, path in self.paths.items()}
 
 

@@ -107,6 +107,21 @@ class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
         """Return the naive trajectory for the current context, shape (T, D)."""
         return self.task.initial_trajectory(self._current_context())
 
+    def demonstrate(self, context: ArrayLike, mode: str | None = None) -> FloatArray:
+        """Return the scripted expert's trajectory, shape (T, D); see `Task.demonstrate`.
+
+        :param context: shape (C,)
+        :param mode: one of the task's ``modes``; the first one by default
+        """
+        return self.task.demonstrate(context, mode)
+
+    def sample_context(self, rng: np.random.Generator) -> FloatArray:
+        """Draw a context as the task does, shape (C,).
+
+        :param rng: the generator to draw from
+        """
+        return self.task.sample_context(rng)
+
     @property
     def exploration_scale(self) -> FloatArray:
         """The task's `Task.exploration_scale`, shape (D,)."""

@@ -1,6 +1,7 @@
 """Robot skill learning by neural movement primitives, as Stable-Baselines3 algorithms."""
 
 from sb3_nmp.common.algorithm import TrajectoryAlgorithm
+from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.pd_controller import PDController
@@ -9,6 +10,7 @@ from sb3_nmp.rcnmp import RCNMP, TrainingSettings
 __all__ = [
     "RCNMP",
     "ConfigurationError",
+    "Demonstrations",
     "FileFormatError",
     "InvalidDataError",
     "PDController",

@@ -2,16 +2,25 @@
 
 from typing import Any
 
-from baselines.dreps import DREPS
-from baselines.ga import GA
-from baselines.reps import REPS
-from sb3_nmp import RCNMP, TrainingSettings, TrajectoryAlgorithm
+import benchmark_envs  # noqa: F401  (registers the tasks)
+from baselines import CMAES, DREPS, GA, REPS, EwertonProMPRL, StarkProMPRL
+from sb3_nmp import RCNMP, Demonstrations, TrainingSettings, TrajectoryAlgorithm
+from sb3_nmp.common.cnmp import PretrainingSettings
 
 ENV_ID = "nmp/Bottles-v0"
+POPULATION = 8
+DEMONSTRATIONS = Demonstrations.from_task(ENV_ID, 3, seed=0)
 ALGORITHMS: dict[type[TrajectoryAlgorithm], dict[str, Any]] = {
     RCNMP: {"n_sampled": 4, "n_crossover": 4, "training": TrainingSettings(5)},
     GA: {"n_copies": 4, "n_crossover": 4},
-    REPS: {"population_size": 8},
-    DREPS: {"population_size": 8},
+    REPS: {"population_size": POPULATION},
+    DREPS: {"population_size": POPULATION},
+    StarkProMPRL: {"population_size": POPULATION, "demonstrations": DEMONSTRATIONS},
+    EwertonProMPRL: {"population_size": POPULATION, "demonstrations": DEMONSTRATIONS},
+    CMAES: {
+        "population_size": POPULATION,
+        "demonstrations": DEMONSTRATIONS,
+        "pretraining": PretrainingSettings(20),
+        "context_std": 0.3,
+    },
 }
-POPULATION = 8

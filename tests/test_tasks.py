@@ -140,14 +140,15 @@ def test_set_points_outside_the_space_are_clipped_and_reported(task_id: str) -> 
 @TASKS
 def test_a_diverging_simulation_gives_the_worst_reward_and_says_so(task_id: str) -> None:
     task = make_task(task_id)
+    context = context_of(task)
+    expert = task.demonstrate(context)
     model: Any = task.__dict__["model"]
     model.opt.gravity[2] = np.nan
-    context = context_of(task)
-    rollouts = task.simulate(context, task.demonstrate(context))
+    rollouts = task.simulate(context, expert)
     assert rollouts.diverged[0] and not rollouts.successes[0]
     assert rollouts.rewards[0] == task.reward_range[0]
     assert np.isfinite(rollouts.executed).all()
-    healthy = make_task(task_id).simulate(context, task.demonstrate(context))
+    healthy = make_task(task_id).simulate(context, expert)
     assert not healthy.diverged[0]
 
 

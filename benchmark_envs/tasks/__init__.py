@@ -1,5 +1,7 @@
 """One file a task; importing it registers the task."""
 
+from benchmark_envs.tasks.aperture import ApertureTask
 from benchmark_envs.tasks.bottles import BottlesTask
+from benchmark_envs.tasks.push import PushTask
 
-__all__ = ["BottlesTask"]
+__all__ = ["ApertureTask", "BottlesTask", "PushTask"]

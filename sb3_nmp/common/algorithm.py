@@ -7,7 +7,7 @@ a trajectory for each member once the member's context is known, and learns from
 import sys
 import time
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self, cast
 
 import gymnasium as gym
@@ -32,11 +32,83 @@ class Generation:
     :param contexts: shape (N, C)
     :param trajectories: as they were sent to the environment, shape (N, T, D)
     :param rewards: shape (N,)
+    :param successes: the info's ``is_success``, False where it has none, shape (N,)
+    :param terms: the reward's terms, from the info's ``reward_<name>``, each of shape (N,)
+    :param step_rewards: the info's ``step_rewards``: the summands of the reward over time, shape
+        (N, T); None where it has none
     """
 
     contexts: NDArray[np.float32]
     trajectories: NDArray[np.float32]
     rewards: NDArray[np.float64]
+    successes: NDArray[np.bool_]
+    terms: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    step_rewards: NDArray[np.float64] | None = None
+
+    def __len__(self) -> int:
+        """Return the number of rollouts, N."""
+        return len(self.rewards)
+
+    @classmethod
+    def from_step(
+        cls,
+        contexts: NDArray[np.float32],
+        trajectories: NDArray[np.float32],
+        rewards: NDArray[np.floating],
+        infos: list[dict[str, Any]],
+    ) -> "Generation":
+        """Gather what one step of the environments gave.
+
+        :param contexts: shape (N, C)
+        :param trajectories: shape (N, T, D)
+        :param rewards: shape (N,)
+        :param infos: one for each environment
+        """
+        names = [key for key in infos[0] if key.startswith("reward_")]
+        steps = [info.get("step_rewards") for info in infos]
+        return cls(
+            contexts,
+            trajectories,
+            np.asarray(rewards, np.float64),
+            np.array([bool(info.get("is_success", False)) for info in infos]),
+            {
+                name.removeprefix("reward_"): np.array([info[name] for info in infos], np.float64)
+                for name in names
+            },
+            None if any(step is None for step in steps) else np.array(steps, np.float64),
+        )
+
+    @classmethod
+    def concatenate(cls, parts: list["Generation"]) -> "Generation":
+        """Join parts in their order.
+
+        :param parts: at least one
+        """
+        steps = [part.step_rewards for part in parts]
+        return cls(
+            np.concatenate([part.contexts for part in parts]),
+            np.concatenate([part.trajectories for part in parts]),
+            np.concatenate([part.rewards for part in parts]),
+            np.concatenate([part.successes for part in parts]),
+            {name: np.concatenate([part.terms[name] for part in parts]) for name in parts[0].terms},
+            None
+            if any(step is None for step in steps)
+            else np.concatenate(cast(list[NDArray[np.float64]], steps)),
+        )
+
+    def __getitem__(self, rows: slice | NDArray[Any]) -> "Generation":
+        """Return some of the rollouts.
+
+        :param rows: a slice, or an array of indices or booleans
+        """
+        return Generation(
+            self.contexts[rows],
+            self.trajectories[rows],
+            self.rewards[rows],
+            self.successes[rows],
+            {name: term[rows] for name, term in self.terms.items()},
+            None if self.step_rewards is None else self.step_rewards[rows],
+        )
 
 
 class TrajectoryAlgorithm(BaseAlgorithm):
@@ -126,6 +198,19 @@ class TrajectoryAlgorithm(BaseAlgorithm):
 
     def _observe(self, rollouts: Generation) -> None:
         """Take in rollouts as soon as they are done, before their generation is complete."""
+
+    @property
+    def generation_size(self) -> int:
+        """How many rollouts the generation at hand has; a multiple of the environments."""
+        return self.population_size
+
+    def _wanted_contexts(self, members: slice) -> NDArray[np.float32] | None:
+        """Return the contexts, shape (n, C), in which some members are to run.
+
+        :param members: which ones
+        :return: None, the default, takes whatever the environment draws
+        """
+        return None
 
     # -- set-up --------------------------------------------------------------------------------
 
@@ -239,7 +324,7 @@ class TrajectoryAlgorithm(BaseAlgorithm):
             if not self._collect_generation(env, callback, total_timesteps):
                 break
             self._update_current_progress_remaining(self.num_timesteps, total_timesteps)
-            if self._n_collected < self.population_size:
+            if self._n_collected < self.generation_size:
                 break
             generations += 1
             self._learn_generation()
@@ -255,13 +340,7 @@ class TrajectoryAlgorithm(BaseAlgorithm):
     def _learn_generation(self) -> None:
         """Let the algorithm learn from the complete generation, and close it."""
         parts, self._collected, self._generation_started = self._collected, [], False
-        self._end_generation(
-            Generation(
-                np.concatenate([part.contexts for part in parts]),
-                np.concatenate([part.trajectories for part in parts]),
-                np.concatenate([part.rewards for part in parts]),
-            )
-        )
+        self._end_generation(Generation.concatenate(parts))
         self._n_updates += 1
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
 
@@ -279,11 +358,11 @@ class TrajectoryAlgorithm(BaseAlgorithm):
         space = cast(spaces.Box, self.action_space)
         n_envs = env.num_envs
         while (
-            self._n_collected < self.population_size
+            self._n_collected < self.generation_size
             and self.num_timesteps + n_envs <= total_timesteps
         ):
-            contexts = np.array(self._last_obs, np.float32)
             members = slice(self._n_collected, self._n_collected + n_envs)
+            contexts = self._show_contexts(env, members)
             proposed = self._propose(members, contexts)
             actions = np.clip(proposed, space.low, space.high).astype(np.float32)
             new_obs, rewards, dones, infos = env.step(actions)
@@ -293,7 +372,7 @@ class TrajectoryAlgorithm(BaseAlgorithm):
                     "trajectory bandits, where one step executes a whole trajectory and ends the "
                     "episode."
                 )
-            rollouts = Generation(contexts, actions, np.asarray(rewards, np.float64))
+            rollouts = Generation.from_step(contexts, actions, rewards, infos)
             self._collected.append(rollouts)
             self._observe(rollouts)
             self._last_obs = cast(NDArray[np.float32], new_obs)
@@ -304,6 +383,25 @@ class TrajectoryAlgorithm(BaseAlgorithm):
                 return False
         callback.on_rollout_end()
         return True
+
+    def _show_contexts(self, env: VecEnv, members: slice) -> NDArray[np.float32]:
+        """Return the contexts that the environments are in, after asking for those wanted.
+
+        :param env: the environments
+        :param members: those that come next
+        :raises ConfigurationError: the environments do not take the reset option ``context``
+        """
+        wanted = self._wanted_contexts(members)
+        if wanted is not None and not np.array_equal(self._last_obs, wanted):
+            env.set_options([{"context": context} for context in wanted])
+            self._last_obs = cast(NDArray[np.float32], env.reset())
+            if not np.allclose(self._last_obs, wanted, atol=1e-5):
+                raise ConfigurationError(
+                    f"{type(self).__name__} asked the environments for the context "
+                    f"{wanted[0].tolist()} and got {np.asarray(self._last_obs)[0].tolist()}: their "
+                    "reset must take options={'context': c}, or pin the context."
+                )
+        return np.array(self._last_obs, np.float32)
 
     def dump_logs(self, iteration: int = 0) -> None:
         """Write the log's current values.

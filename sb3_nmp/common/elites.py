@@ -13,6 +13,8 @@ SAME_CONTEXT = 1e-5
 class EliteMemory(nn.Module):
     """Best trajectory and its reward for every distinct context, the most recently improved last.
 
+    A trajectory that solved the task is better than one that did not, whatever their rewards.
+
     :param context_dim: C
     :param trajectory_shape: (T, D)
     :param capacity: at most so many contexts; the longest unimproved is forgotten
@@ -21,6 +23,7 @@ class EliteMemory(nn.Module):
     contexts: th.Tensor
     trajectories: th.Tensor
     rewards: th.Tensor
+    solved: th.Tensor
 
     def __init__(
         self, context_dim: int, trajectory_shape: tuple[int, int], capacity: int = 1000
@@ -30,6 +33,7 @@ class EliteMemory(nn.Module):
         self.register_buffer("contexts", th.empty(0, context_dim))
         self.register_buffer("trajectories", th.empty(0, *trajectory_shape))
         self.register_buffer("rewards", th.empty(0, dtype=th.float64))
+        self.register_buffer("solved", th.empty(0, dtype=th.bool))
 
     def find(self, context: th.Tensor) -> int | None:
         """Return the index of a context's elite, None where there is none.
@@ -47,36 +51,43 @@ class EliteMemory(nn.Module):
         contexts: NDArray[np.floating],
         trajectories: NDArray[np.floating],
         rewards: NDArray[np.floating],
+        successes: NDArray[np.bool_] | None = None,
     ) -> None:
         """Take in rollouts; each replaces its context's elite only if it is better.
 
         :param contexts: shape (N, C)
         :param trajectories: shape (N, T, D)
         :param rewards: shape (N,)
+        :param successes: which of them solved the task, shape (N,); None compares rewards alone
         """
-        for context, trajectory, reward in zip(contexts, trajectories, rewards, strict=True):
-            row = th.as_tensor(context, dtype=th.float32, device=self.contexts.device)
-            index = self.find(row)
+        solved = np.zeros(len(rewards), bool) if successes is None else successes
+        for row in range(len(rewards)):
+            context = th.as_tensor(contexts[row], dtype=th.float32, device=self.contexts.device)
+            index, merit = self.find(context), (bool(solved[row]), float(rewards[row]))
             if index is None:
-                self._append(row, trajectory, float(reward))
-            elif reward > float(self.rewards[index]):
-                keep = th.arange(len(self.rewards), device=row.device) != index
+                self._append(context, trajectories[row], *merit)
+            elif merit > (bool(self.solved[index]), float(self.rewards[index])):
+                keep = th.arange(len(self.rewards), device=context.device) != index
                 self._keep(keep)
-                self._append(row, trajectory, float(reward))
+                self._append(context, trajectories[row], *merit)
 
-    def _append(self, context: th.Tensor, trajectory: NDArray[np.floating], reward: float) -> None:
+    def _append(
+        self, context: th.Tensor, trajectory: NDArray[np.floating], solved: bool, reward: float
+    ) -> None:
         new = th.as_tensor(trajectory, dtype=th.float32, device=context.device)
         self.contexts = th.cat([self.contexts, context[None]])
         self.trajectories = th.cat([self.trajectories, new[None]])
         self.rewards = th.cat([self.rewards, self.rewards.new_tensor([reward])])
+        self.solved = th.cat([self.solved, self.solved.new_tensor([solved])])
         if len(self.rewards) > self.capacity:
             self._keep(slice(1, None))
 
     def _keep(self, rows: th.Tensor | slice) -> None:
-        self.contexts, self.trajectories, self.rewards = (
+        self.contexts, self.trajectories, self.rewards, self.solved = (
             self.contexts[rows],
             self.trajectories[rows],
             self.rewards[rows],
+            self.solved[rows],
         )
 
     def _load_from_state_dict(  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -86,7 +97,7 @@ class EliteMemory(nn.Module):
         *args: Any,  # noqa: ANN401
     ) -> None:
         """Take over the saved number of contexts before PyTorch compares shapes."""
-        for name in ("contexts", "trajectories", "rewards"):
+        for name in ("contexts", "trajectories", "rewards", "solved"):
             saved = state_dict.get(prefix + name)
             if saved is not None:
                 buffer = getattr(self, name)

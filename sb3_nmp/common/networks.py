@@ -1,4 +1,4 @@
-"""The neural process: a network over trajectories whose forward passes return distributions.
+"""Networks over trajectories, whose forward passes return distributions.
 
 Shape letters: B batch, O conditioning points, T target times, D dimensions of the trajectory,
 K size of the condition (task parameters and reward), Z latent.
@@ -49,6 +49,44 @@ class TimeFeatures(nn.Module):
         return th.cat([times[..., None], angles.sin(), angles.cos()], dim=-1)
 
 
+class TrajectoryDecoder(nn.Module):
+    """From a latent, a condition and target times to the values at those times.
+
+    The first layer is split by what varies with time and what does not, so that a batch of
+    trajectories over common times costs the time features once.
+
+    :param n_frequencies: of the time features
+    :param inputs: size of latent and condition together
+    :param arch: hidden layers
+    :param outputs: size of the output at each target time
+    :param activation: between the layers
+    """
+
+    def __init__(
+        self,
+        n_frequencies: int,
+        inputs: int,
+        arch: list[int],
+        outputs: int,
+        activation: type[nn.Module],
+    ) -> None:
+        super().__init__()
+        self.features = TimeFeatures(n_frequencies)
+        self.from_time = nn.Linear(self.features.n_features, arch[0])
+        self.from_latent = nn.Linear(inputs, arch[0], bias=False)
+        self.activation = activation()
+        self.layers = mlp([*arch, outputs], activation)
+
+    def forward(self, times: th.Tensor, constant: th.Tensor) -> th.Tensor:
+        """Return the outputs, shape (B, T, outputs).
+
+        :param times: target times, shape (T,) or (B, T)
+        :param constant: latent and condition, shape (B, inputs)
+        """
+        hidden = self.from_time(self.features(times)) + self.from_latent(constant)[:, None]
+        return self.layers(self.activation(hidden))
+
+
 class NeuralProcess(nn.Module):
     """Encoder from conditioning points to a latent Gaussian, decoder from a latent to values.
 
@@ -82,11 +120,9 @@ class NeuralProcess(nn.Module):
         n_features = self.features.n_features
         encoder_inputs = n_features + value_dim + condition_dim
         self.encoder = mlp([encoder_inputs, *encoder_arch, 2 * latent_dim], activation)
-        # The decoder's first layer, split by what varies with time and what does not.
-        self.from_time = nn.Linear(n_features, decoder_arch[0])
-        self.from_latent = nn.Linear(latent_dim + condition_dim, decoder_arch[0], bias=False)
-        self.activation = activation()
-        self.decoder = mlp([*decoder_arch, value_dim], activation)
+        self.decoder = TrajectoryDecoder(
+            n_frequencies, latent_dim + condition_dim, decoder_arch, value_dim, activation
+        )
 
     def encode(self, times: th.Tensor, values: th.Tensor, condition: th.Tensor) -> Normal:
         """Return q(z | conditioning points, condition), batch shape (B, Z).
@@ -107,7 +143,73 @@ class NeuralProcess(nn.Module):
         :param latent: z, shape (B, Z)
         :param condition: shape (B, K)
         """
-        constant = self.from_latent(th.cat([latent, condition], dim=-1))
-        hidden = self.from_time(self.features(times)) + constant[:, None]
-        mean = self.decoder(self.activation(hidden))
+        mean = self.decoder(times, th.cat([latent, condition], dim=-1))
         return Normal(mean, mean.new_tensor(self.decoder_std), validate_args=False)
+
+
+class ConditionalNeuralProcess(nn.Module):
+    """Encoder from conditioning points to a representation, decoder from it to a Gaussian.
+
+    Thesis 4.1 and 4.3, Fig. 4.1 and 4.3: context and time are given to both encoder and decoder;
+    the points' representations are averaged; without a conditioning point the representation is
+    zero, and the context alone decides.
+
+    :param value_dim: D
+    :param condition_dim: K, the task parameters
+    :param representation_dim: Z
+    :param encoder_arch: hidden layers of the encoder
+    :param decoder_arch: hidden layers of the decoder
+    :param n_frequencies: of the time features
+    :param min_std: smallest standard deviation that the decoder gives, in the values' unit
+    :param activation: between the layers
+    """
+
+    def __init__(
+        self,
+        value_dim: int,
+        condition_dim: int,
+        representation_dim: int,
+        encoder_arch: list[int],
+        decoder_arch: list[int],
+        n_frequencies: int,
+        min_std: float,
+        activation: type[nn.Module],
+    ) -> None:
+        super().__init__()
+        self.representation_dim, self.min_std = representation_dim, min_std
+        self.features = TimeFeatures(n_frequencies)
+        encoder_inputs = self.features.n_features + value_dim + condition_dim
+        self.encoder = mlp([encoder_inputs, *encoder_arch, representation_dim], activation)
+        self.decoder = TrajectoryDecoder(
+            n_frequencies,
+            representation_dim + condition_dim,
+            decoder_arch,
+            2 * value_dim,
+            activation,
+        )
+
+    def encode(
+        self, times: th.Tensor, values: th.Tensor, condition: th.Tensor, seen: th.Tensor
+    ) -> th.Tensor:
+        """Return the representation r, shape (B, Z): the mean over the points that are seen.
+
+        :param times: of the conditioning points, shape (B, O)
+        :param values: at those times, shape (B, O, D)
+        :param condition: shape (B, K)
+        :param seen: 1 for the points that count and 0 for the others, shape (B, O)
+        """
+        repeated = condition[:, None].expand(-1, times.shape[1], -1)
+        points = self.encoder(th.cat([self.features(times), values, repeated], dim=-1))
+        total = (points * seen[..., None]).sum(dim=1)
+        return total / seen.sum(dim=1, keepdim=True).clamp(min=1.0)
+
+    def decode(self, times: th.Tensor, representation: th.Tensor, condition: th.Tensor) -> Normal:
+        """Return p(x_t | r, t, condition) at every target time, batch shape (B, T, D).
+
+        :param times: target times, shape (T,) or (B, T)
+        :param representation: r, shape (B, Z)
+        :param condition: shape (B, K)
+        """
+        outputs = self.decoder(times, th.cat([representation, condition], dim=-1))
+        mean, raw = outputs.chunk(2, dim=-1)
+        return Normal(mean, nn.functional.softplus(raw) + self.min_std, validate_args=False)

@@ -241,7 +241,8 @@ class PopulationSearch(TrajectoryAlgorithm):
         """
         self.replay_buffer.load(path)
         buffer = self.replay_buffer
-        self._observe(Generation(buffer.contexts, buffer.trajectories, buffer.rewards))
+        elites = cast(RemembersElites, self.policy).elites
+        elites.update(buffer.contexts, buffer.trajectories, buffer.rewards)
 
 
 def blend(before: NDArray[Any], after: NDArray[Any], cut: int) -> NDArray[Any]:

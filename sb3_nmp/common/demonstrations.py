@@ -1,0 +1,302 @@
+"""`Demonstrations`: what an expert showed, checked once and never changed."""
+
+import hashlib
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Protocol, cast, runtime_checkable
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
+
+FloatArray = NDArray[np.float64]
+
+FILE_KEYS = ("contexts", "trajectories")
+
+
+@runtime_checkable
+class Expert(Protocol):
+    """What `Demonstrations.from_task` needs of a task or an environment."""
+
+    def demonstrate(self, context: ArrayLike, mode: str | None = None) -> FloatArray:
+        """Solve the task in a context of shape (C,); returns shape (T, D)."""
+        ...
+
+    def sample_context(self, rng: np.random.Generator) -> FloatArray:
+        """Draw a context, shape (C,)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstrations:
+    """N expert trajectories, each with the context that it solves; the arrays are read-only.
+
+    >>> shown = Demonstrations([[0.0], [1.0]], [[[0.0], [0.5]], [[1.0], [1.5]]])
+    >>> len(shown), shown.context_dim, shown.trajectory_shape
+    (2, 1, (2, 1))
+
+    :param contexts: task parameters, shape (N, C)
+    :param trajectories: shape (N, T, D): all of one length and dimension
+    :raises InvalidDataError: an empty set, mixed lengths or dimensions, a wrong shape, or a value
+        that is not finite
+    """
+
+    contexts: FloatArray
+    trajectories: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check the values and freeze copies of them."""
+        trajectories = _array("trajectories", self.trajectories, "(N, T, D)", 3)
+        contexts = _array("contexts", self.contexts, "(N, C)", 2)
+        if len(trajectories) == 0:
+            raise InvalidDataError("the set of demonstrations is empty; at least one is needed.")
+        if len(contexts) != len(trajectories):
+            raise InvalidDataError(
+                f"{len(contexts)} contexts were given for {len(trajectories)} trajectories; each "
+                "demonstration needs the context that it solves."
+            )
+        if trajectories.shape[1] < 2 or 0 in (trajectories.shape[2], contexts.shape[1]):
+            raise InvalidDataError(
+                f"trajectories have shape {trajectories.shape} and contexts {contexts.shape}: at "
+                "least 2 time points, 1 dimension and 1 task parameter are needed."
+            )
+        object.__setattr__(self, "contexts", contexts)
+        object.__setattr__(self, "trajectories", trajectories)
+
+    def __len__(self) -> int:
+        """Return the number of demonstrations, N."""
+        return len(self.trajectories)
+
+    def __getitem__(self, rows: slice | Sequence[int] | NDArray[Any]) -> "Demonstrations":
+        """Return some of the demonstrations.
+
+        :param rows: a slice, or indices or booleans
+        """
+        return Demonstrations(self.contexts[rows], self.trajectories[rows])
+
+    def __eq__(self, other: object) -> bool:
+        """Tell whether two sets hold the same numbers."""
+        return isinstance(other, Demonstrations) and self.digest == other.digest
+
+    def __hash__(self) -> int:
+        """Return a hash of the numbers."""
+        return hash(self.digest)
+
+    @property
+    def context_dim(self) -> int:
+        """C."""
+        return self.contexts.shape[1]
+
+    @property
+    def trajectory_shape(self) -> tuple[int, int]:
+        """(T, D)."""
+        return self.trajectories.shape[1], self.trajectories.shape[2]
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of shapes and numbers, in hexadecimal: it names the data in a saved model."""
+        sha = hashlib.sha256()
+        for array in (self.contexts, self.trajectories):
+            sha.update(str(array.shape).encode())
+            sha.update(np.ascontiguousarray(array, "<f8").tobytes())
+        return sha.hexdigest()
+
+    def joined_with(self, contexts: ArrayLike, trajectories: ArrayLike) -> "Demonstrations":
+        """Return this set with further trajectories at its end.
+
+        :param contexts: shape (M, C)
+        :param trajectories: shape (M, T, D)
+        :raises InvalidDataError: they do not fit
+        """
+        more = Demonstrations(np.asarray(contexts), np.asarray(trajectories))
+        self._check_fit(more.context_dim, more.trajectory_shape, "the further demonstrations")
+        return Demonstrations(
+            np.concatenate([self.contexts, more.contexts]),
+            np.concatenate([self.trajectories, more.trajectories]),
+        )
+
+    def check_fits(self, context_dim: int, trajectory_shape: tuple[int, int]) -> None:
+        """Raise unless the demonstrations fit an environment.
+
+        :param context_dim: C
+        :param trajectory_shape: (T, D)
+        :raises InvalidDataError: they do not
+        """
+        self._check_fit(context_dim, trajectory_shape, "the environment")
+
+    def _check_fit(self, context_dim: int, trajectory_shape: tuple[int, int], whose: str) -> None:
+        if self.context_dim != context_dim:
+            raise InvalidDataError(
+                f"the demonstrations' contexts have {self.context_dim} entries, but {whose} "
+                f"has contexts of {context_dim}."
+            )
+        if self.trajectory_shape != tuple(trajectory_shape):
+            raise InvalidDataError(
+                f"the demonstrations' trajectories have shape (T, D) = {self.trajectory_shape}, "
+                f"but {whose} has {tuple(trajectory_shape)}; resample them."
+            )
+
+    # -- from experts --------------------------------------------------------------------------
+
+    @classmethod
+    def from_task(
+        cls,
+        task: str | Expert,
+        contexts: ArrayLike | int,
+        seed: int | np.random.Generator | None = None,
+    ) -> "Demonstrations":
+        """Let a task's scripted expert demonstrate.
+
+        :param task: a Gymnasium id such as ``"nmp/Push-v0"``, an environment, or a task: anything
+            with ``demonstrate(context)`` and ``sample_context(rng)``
+        :param contexts: shape (N, C), or how many the task is to draw
+        :param seed: of the drawn contexts, or the generator itself
+        :raises ConfigurationError: the task has no expert
+        :raises InvalidDataError: no context at all
+        """
+        source: Any = gym.make(task).unwrapped if isinstance(task, str) else task
+        source = source.unwrapped if isinstance(source, gym.Env) else source
+        if not isinstance(source, Expert):
+            raise ConfigurationError(
+                f"{type(source).__name__} has no expert: it needs the methods demonstrate(context) "
+                "and sample_context(rng). Give Demonstrations(contexts, trajectories) your own."
+            )
+        if isinstance(contexts, int):
+            rng = np.random.default_rng(seed)
+            chosen = [source.sample_context(rng) for _ in range(contexts)]
+        else:
+            chosen = list(np.asarray(contexts, np.float64))
+        if not chosen:
+            raise InvalidDataError("no context was given: at least one demonstration is needed.")
+        return cls(np.stack(chosen), np.stack([source.demonstrate(c) for c in chosen]))
+
+    # -- files ---------------------------------------------------------------------------------
+
+    def save(self, path: str | Path) -> None:
+        """Write the set as .npz, without pickled objects, in one atomic step.
+
+        :param path: of the file; its folder must exist
+        """
+        target = Path(path)
+        partial = target.with_name(f".{target.name}.partial")
+        with partial.open("wb") as file:
+            np.savez_compressed(file, contexts=self.contexts, trajectories=self.trajectories)
+        partial.replace(target)
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Demonstrations":
+        """Read a set that `save` wrote, or any .npz with ``contexts`` and ``trajectories``.
+
+        :param path: of the file
+        :raises FileFormatError: it is not such a file, or holds pickled objects
+        :raises InvalidDataError: its arrays are no demonstrations
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = [file[key] for key in FILE_KEYS]
+        except (KeyError, ValueError, EOFError, TypeError, zipfile.BadZipFile) as error:
+            raise FileFormatError(
+                f"{path} does not hold demonstrations (.npz with the arrays "
+                f"{' and '.join(FILE_KEYS)}, no pickled objects): {error}"
+            ) from error
+        return cls(*arrays)
+
+    # -- Minari --------------------------------------------------------------------------------
+
+    def to_minari(self, dataset_id: str, env: gym.Env | str, **metadata: Any) -> Any:  # noqa: ANN401
+        """Write the set as a local Minari dataset: an episode of one step a demonstration.
+
+        :param dataset_id: such as ``"push/expert-v0"``
+        :param env: the environment that the demonstrations are for, or its id
+        :param metadata: further arguments of ``minari.create_dataset_from_buffers``
+        :return: the ``minari.MinariDataset``
+        :raises ConfigurationError: Minari is not installed
+        """
+        _check_minari()
+        import minari
+        from minari.data_collector import EpisodeBuffer
+
+        env = gym.make(env) if isinstance(env, str) else env
+        action, observation = env.action_space, env.observation_space
+        self.check_fits(cast(tuple[int], observation.shape)[0], cast(tuple[int, int], action.shape))
+        buffers = [
+            EpisodeBuffer(
+                id=index,
+                observations=np.stack([context, context]).astype(observation.dtype),
+                actions=trajectory[None].astype(action.dtype),
+                rewards=[0.0],
+                terminations=[True],
+                truncations=[False],
+            )
+            for index, (context, trajectory) in enumerate(
+                zip(self.contexts, self.trajectories, strict=True)
+            )
+        ]
+        return minari.create_dataset_from_buffers(dataset_id, buffers, env=env, **metadata)
+
+    @classmethod
+    def from_minari(cls, dataset: Any) -> "Demonstrations":  # noqa: ANN401
+        """Read a Minari dataset of trajectory-bandit episodes (one step each).
+
+        :param dataset: a ``minari.MinariDataset`` or the id of a local one
+        :raises ConfigurationError: Minari is not installed
+        :raises InvalidDataError: an episode has more than one step
+        """
+        _check_minari()
+        import minari
+
+        dataset = minari.load_dataset(dataset) if isinstance(dataset, str) else dataset
+        episodes = list(dataset.iterate_episodes())
+        for episode in episodes:
+            if len(episode.actions) != 1:
+                raise InvalidDataError(
+                    f"episode {episode.id} has {len(episode.actions)} steps; a demonstration of a "
+                    "trajectory bandit is one step whose action is the whole trajectory."
+                )
+        return cls(
+            np.array([episode.observations[0] for episode in episodes]),
+            np.array([episode.actions[0] for episode in episodes]),
+        )
+
+
+def _check_minari() -> None:
+    if find_spec("minari") is None:
+        raise ConfigurationError(
+            "Minari is not installed; install it with 'pip install minari', or use save and load, "
+            "which write .npz files."
+        )
+
+
+def _array(name: str, values: ArrayLike, shape: str, n_dimensions: int) -> FloatArray:
+    """Return a read-only float64 copy.
+
+    :raises InvalidDataError: rows of mixed shapes, a wrong number of dimensions, or a value that
+        is not finite
+    """
+    if not isinstance(values, np.ndarray):
+        shapes = sorted({np.shape(row) for row in cast(Sequence[ArrayLike], values)})
+        if len(shapes) > 1:
+            raise InvalidDataError(
+                f"the {name} have mixed shapes ({', '.join(map(str, shapes))}): all must have the "
+                "same number of time points and dimensions. Resample them first."
+            )
+    try:
+        array = np.array(values, np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidDataError(f"the {name} are not an array of numbers: {error}") from error
+    if array.ndim != n_dimensions and array.size:
+        raise InvalidDataError(f"the {name} have shape {array.shape}; they need {shape}.")
+    if array.ndim != n_dimensions:
+        raise InvalidDataError(f"the {name} are empty; at least one demonstration is needed.")
+    if not np.isfinite(array).all():
+        index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise InvalidDataError(
+            f"the {name} hold {array[index]} at index {index}; every value must be finite."
+        )
+    array.setflags(write=False)
+    return array
