@@ -1,20 +1,37 @@
-"""Baselines on movement primitives, with the interface of Stable-Baselines3."""
+"""Methods from elsewhere that ours are compared with, with the interface of Stable-Baselines3."""
 
+from baselines.cmaes import CMAES, ResidualPolicy
 from baselines.dreps import DREPS
 from baselines.ga import GA, ElitePolicy
 from baselines.primitives import DMP, PDFiltered, Primitive, ProMP, Response, WeightDistribution
+from baselines.promp_rl import (
+    EwertonProMPRL,
+    GaussianProcessPolicy,
+    ProMPPolicy,
+    ProMPRL,
+    StarkProMPRL,
+    TransferPolicy,
+)
 from baselines.reps import REPS, GaussianPrimitivePolicy
 
 __all__ = [
+    "CMAES",
     "DMP",
     "DREPS",
     "GA",
     "REPS",
     "ElitePolicy",
+    "EwertonProMPRL",
     "GaussianPrimitivePolicy",
+    "GaussianProcessPolicy",
     "PDFiltered",
     "Primitive",
     "ProMP",
+    "ProMPPolicy",
+    "ProMPRL",
+    "ResidualPolicy",
     "Response",
+    "StarkProMPRL",
+    "TransferPolicy",
     "WeightDistribution",
 ]

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from results.exceptions import BenchmarkError
-from results.records import Record, curves_frame, read_records, runs_frame
-from results.suites import ABLATIONS, ALGORITHMS, SUITES, make_suite, parse_seeds
+from results.records import Record, read_records
+from results.suites import SUITES, known_algorithms, make_suite, parse_seeds
 
 RUNS = Path("results/runs")
 USAGE_ERROR, INTERRUPTED = 2, 130
@@ -48,8 +48,8 @@ def build_parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     _add_run(commands.add_parser("run", help="run a suite", epilog=EXIT_STATUS))
-    _add_read(commands.add_parser("table", help="print the table of runs"), table)
-    _add_read(commands.add_parser("plot", help="draw learning curves and final paths"), plot)
+    _add_table(commands.add_parser("table", help="print the table of runs"))
+    _add_plot(commands.add_parser("plot", help="draw learning curves and final paths"))
     _add_render(commands.add_parser("render", help="draw a run's or a model's rollout"))
     return parser
 
@@ -58,6 +58,7 @@ def _suites() -> str:
     return "; ".join(
         f"{name}: {recipe.description}, {recipe.n_seeds} seeds, {recipe.budget} rollouts each"
         for name, recipe in SUITES.items()
+        if recipe.algorithms
     )
 
 
@@ -73,7 +74,9 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
         metavar="N|A-B|A,B",
         help="the first N, a range, or a list (default: the suite's)",
     )
-    parser.add_argument("--budget", type=int, help="rollouts a run (default: the suite's)")
+    parser.add_argument(
+        "--budget", type=int, help="rollouts a run (default: the suite's, or the algorithm's own)"
+    )
     parser.add_argument(
         "--algorithms", nargs="+", metavar="LABEL", help="only these (default: all of the suite)"
     )
@@ -97,6 +100,29 @@ def _add_read(
         "--suite", help="its folder is results/runs/SUITE (default: quick, unless --runs is given)"
     )
     parser.add_argument("--runs", type=Path, metavar="DIR", help="folder of the runs")
+
+
+def _add_table(parser: argparse.ArgumentParser) -> None:
+    _add_read(parser, table)
+    parser.add_argument(
+        "name",
+        nargs="?",
+        choices=["table-5.1"],
+        help="a table of the thesis beside ours, from the suites push and aperture; --runs is then "
+        "the folder of the suites' folders (default: results/runs)",
+    )
+
+
+def _add_plot(parser: argparse.ArgumentParser) -> None:
+    _add_read(parser, plot)
+    parser.add_argument(
+        "--reference",
+        type=Path,
+        nargs="+",
+        metavar="FILE.npy",
+        help="published curves to show beside ours, for push: errors of shape (runs, updates), two "
+        "rollouts an update; 'extrapolation' or 'interpolation' in the file's name tells the panel",
+    )
 
 
 def _add_render(parser: argparse.ArgumentParser) -> None:
@@ -139,16 +165,37 @@ def table(options: argparse.Namespace) -> int:
     """
     from rich.console import Console
 
-    from results.aggregate import summarise
-    from results.table import markdown_table, terminal_table
+    from results.reports import report_for
 
+    if options.name is not None:
+        return _thesis_table(options)
     folder, records, labels = _read(options)
-    runs = runs_frame(records)
-    summarise(runs, labels).to_csv(folder / "table.csv", index=False)
-    (folder / "table.md").write_text(markdown_table(runs, labels), encoding="utf-8")
+    report = report_for(records)
+    runs = report.frame(records)
+    report.summary(runs, labels).to_csv(folder / "table.csv", index=False)
+    (folder / "table.md").write_text(report.markdown(runs, labels), encoding="utf-8")
     console = Console(highlight=False)
-    console.print(terminal_table(runs, labels, console.width))
+    console.print(report.terminal(runs, labels, console.width))
     console.print(f"Written: {folder / 'table.md'}, {folder / 'table.csv'}", soft_wrap=True)
+    return 0
+
+
+def _thesis_table(options: argparse.Namespace) -> int:
+    """Print one of the thesis's tables beside our numbers, and write it as Markdown."""
+    from rich.console import Console
+
+    from results.text_table import markdown_page, terminal_page
+    from results.thesis_table import table_5_1
+
+    if options.suite is not None:
+        raise BenchmarkError(f"{options.name} has suites of its own; leave out --suite.")
+    folder = options.runs or RUNS
+    page = table_5_1(folder)
+    path = folder / f"{options.name}.md"
+    path.write_text(markdown_page(*page), encoding="utf-8")
+    console = Console(highlight=False)
+    console.print(terminal_page(*page, console.width))
+    console.print(f"Written: {path}", soft_wrap=True)
     return 0
 
 
@@ -157,13 +204,16 @@ def plot(options: argparse.Namespace) -> int:
 
     :param options: the parsed arguments
     """
-    from results.plot import plot_runs
+    from results.plot import save_figures
+    from results.reports import report_for
 
     folder, records, labels = _read(options)
-    curves = curves_frame(records)
-    if curves.empty:
+    if all(record["outcome"] != "finished" for record in records):
         raise BenchmarkError(f"no run in '{folder}' has finished; 'nmp-bench table' tells why.")
-    for path in plot_runs(folder, curves, records, labels):
+    report = report_for(records)
+    if options.reference:
+        report = report.with_references(options.reference)
+    for path in save_figures(folder, report.figures(records, labels)):
         print(f"Written: {path}")
     return 0
 
@@ -195,5 +245,5 @@ def _read(options: argparse.Namespace) -> tuple[Path, list[Record], list[str]]:
             f"{name or 'SUITE'} --out {folder}', or name another folder (--runs)."
         )
     found = [record["specification"]["label"] for record in records]
-    known = [label for label in (*ALGORITHMS, *ABLATIONS) if label in found]
+    known = [label for label in known_algorithms() if label in found]
     return folder, records, list(dict.fromkeys([*expected, *known, *found]))

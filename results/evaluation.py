@@ -1,7 +1,10 @@
 """The learning curve of a run: what has been found, and what the greedy policy does."""
 
 import time
-from collections.abc import Callable
+from abc import abstractmethod
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -20,7 +23,31 @@ CURVE_COLUMNS = (
 )
 
 
-class GreedyEvaluation(BaseCallback):
+class Evaluation(BaseCallback):
+    """A callback that writes a run's curve while it learns.
+
+    :param on_rollouts: told the number of rollouts so far after every step
+    """
+
+    def __init__(self, on_rollouts: Callable[[int], None] | None = None) -> None:
+        super().__init__()
+        self.on_rollouts = on_rollouts or (lambda _: None)
+        self.rows: list[dict[str, Any]] = []
+        self.seconds = 0.0
+
+    @abstractmethod
+    def record(self) -> dict[str, Any]:
+        """Return what a finished run's record holds of it: ``curve``, and more."""
+
+    @contextmanager
+    def stopwatch(self) -> Iterator[None]:
+        """Count the time inside as ``seconds`` of evaluation."""
+        start = time.perf_counter()
+        yield
+        self.seconds += time.perf_counter() - start
+
+
+class GreedyEvaluation(Evaluation):
     """Writes one row of the learning curve after every step of the environments.
 
     A row tells what the algorithm knows from its first ``rollouts`` rollouts: the best of them,
@@ -33,6 +60,8 @@ class GreedyEvaluation(BaseCallback):
     :param task: in which greedy trajectories run
     :param context: the run's one context, shape (C,)
     :param on_rollouts: told the number of rollouts so far after every step
+    :param from_start: begin with a row for 0 rollouts; the algorithm must have a policy by then
+    :param changes_only: leave out rows that repeat the one before, but for the last
     """
 
     def __init__(
@@ -40,13 +69,14 @@ class GreedyEvaluation(BaseCallback):
         task: Task,
         context: NDArray[np.float64],
         on_rollouts: Callable[[int], None] | None = None,
+        from_start: bool = False,
+        changes_only: bool = False,
     ) -> None:
-        super().__init__()
+        super().__init__(on_rollouts)
         self.task = task
         self.context = context
-        self.on_rollouts = on_rollouts or (lambda _: None)
-        self.rows: list[dict[str, Any]] = []
-        self.seconds = 0.0
+        self.from_start = from_start
+        self.changes_only = changes_only
         self._evaluated = b""
         self._greedy: Rollouts | None = None
         self._best: tuple[float, bool] = (-np.inf, False)
@@ -61,8 +91,20 @@ class GreedyEvaluation(BaseCallback):
 
     @property
     def curve(self) -> dict[str, list[Any]]:
-        """The rows, as lists by column."""
-        return {name: [row[name] for row in self.rows] for name in CURVE_COLUMNS}
+        """The rows, as lists by column; before the first rollout the best one is None."""
+        rows = changes(self.rows) if self.changes_only else self.rows
+        return {name: [row[name] for row in rows] for name in CURVE_COLUMNS}
+
+    def record(self) -> dict[str, Any]:
+        """Return the curve and the last greedy rollout."""
+        return {
+            "curve": self.curve,
+            "greedy": {
+                "context": self.context.round(5).tolist(),
+                "trajectory": self.greedy.trajectories[0].round(5).tolist(),
+                "executed": self.greedy.executed[0].round(5).tolist(),
+            },
+        }
 
     def _on_step(self) -> bool:
         for reward, info in zip(self.locals["rewards"], self.locals["infos"], strict=True):
@@ -70,20 +112,15 @@ class GreedyEvaluation(BaseCallback):
             self._any_success |= success
             if float(reward) > self._best[0]:
                 self._best = (float(reward), success)
-        self.rows.append(
-            {
-                "rollouts": self.num_timesteps,
-                "best_reward": self._best[0],
-                "best_success": self._best[1],
-                "any_success": self._any_success,
-            }
-        )
+        self._add_row()
         self._evaluate()
         self.on_rollouts(self.num_timesteps)
         return True
 
     def _on_rollout_start(self) -> None:
         """Look again after a generation's update: the last row has not seen it."""
+        if self.from_start and not self.rows:
+            self._add_row()
         if self.rows:
             self._evaluate()
 
@@ -92,16 +129,40 @@ class GreedyEvaluation(BaseCallback):
         if self.rows:
             self._evaluate()
 
+    def _add_row(self) -> None:
+        found = np.isfinite(self._best[0])
+        self.rows.append(
+            {
+                "rollouts": self.num_timesteps,
+                "best_reward": self._best[0] if found else None,
+                "best_success": self._best[1],
+                "any_success": self._any_success,
+            }
+        )
+
     def _evaluate(self) -> None:
         """Put the current greedy policy's outcome into the last row."""
-        start = time.perf_counter()
-        action, _ = self.model.predict(self.context.astype(np.float32), deterministic=True)
-        trajectory = np.asarray(action)
-        if trajectory.tobytes() != self._evaluated:
-            self._greedy = self.task.simulate(self.context, trajectory)
-            self._evaluated = trajectory.tobytes()
+        with self.stopwatch():
+            action, _ = self.model.predict(self.context.astype(np.float32), deterministic=True)
+            trajectory = np.asarray(action)
+            if trajectory.tobytes() != self._evaluated:
+                self._greedy = self.task.simulate(self.context, trajectory)
+                self._evaluated = trajectory.tobytes()
         self.rows[-1] |= {
             "greedy_reward": float(self.greedy.rewards[0]),
             "greedy_success": bool(self.greedy.successes[0]),
         }
-        self.seconds += time.perf_counter() - start
+
+
+def changes(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the rows that differ from the one before in more than their rollouts, and the last.
+
+    :param rows: of a curve, at least one
+    """
+    unlike = [
+        row
+        for before, row in pairwise(rows)
+        if {**before, "rollouts": None} != {**row, "rollouts": None}
+    ]
+    kept = [rows[0], *unlike]
+    return kept if kept[-1] is rows[-1] else [*kept, rows[-1]]

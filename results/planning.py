@@ -7,10 +7,11 @@ from typing import Any
 
 from results.exceptions import SettingsClashError
 from results.records import Record, failed_path, finished_path, read_records
-from results.specification import RunSpecification, run_stem
+from results.specification import RunSpecification, run_name, run_stem
 
+SAME_IN_A_FOLDER = ("protocol",)
 SAME_ON_A_TASK = ("budget", "task_settings")
-SAME_FOR_AN_ALGORITHM = ("algorithm", "algorithm_settings", "n_envs")
+SAME_FOR_AN_ALGORITHM = ("algorithm", "algorithm_settings", "n_envs", "own_budget")
 
 
 @dataclass(frozen=True)
@@ -70,21 +71,26 @@ def check_comparable(folder: Path, record: Record, runs: Iterable[RunSpecificati
     held = record["specification"]
     for run in runs:
         wanted = run.as_dict()
-        if wanted["task"] != held["task"]:
-            continue
-        keys = SAME_ON_A_TASK
-        if wanted["label"] == held["label"]:
-            keys += SAME_FOR_AN_ALGORITHM
-        for key in keys:
+        for key in _shared_keys(held, wanted):
             if wanted[key] != held[key]:
                 name, before, now = _difference(key, held[key], wanted[key])
                 raise SettingsClashError(
-                    f"'{folder}' holds {held['label']} on {held['task']}, seed {held['seed']}, "
-                    f"with {name} = {before}, but the run asked for ({run.label}, seed {run.seed}) "
-                    f"has {name} = {now}; a folder holds runs of one setting only. Name another "
-                    "folder (--out), ask for the same value, or replace the runs asked for "
-                    "(--overwrite)."
+                    f"'{folder}' holds {run_name(held)}, with {name} = {before}, but the run asked "
+                    f"for ({run.name}) has {name} = {now}; a folder holds runs of one setting "
+                    "only. Name another folder (--out), ask for the same value, or replace the "
+                    "runs asked for (--overwrite)."
                 )
+
+
+def _shared_keys(held: Record, wanted: Record) -> tuple[str, ...]:
+    """Return the settings in which two runs of a folder must agree."""
+    if wanted["task"] != held["task"]:
+        return SAME_IN_A_FOLDER
+    if wanted["label"] == held["label"]:
+        return SAME_IN_A_FOLDER + SAME_ON_A_TASK + SAME_FOR_AN_ALGORITHM
+    own_budget = wanted["own_budget"] or held["own_budget"]
+    shared = tuple(key for key in SAME_ON_A_TASK if not (own_budget and key == "budget"))
+    return SAME_IN_A_FOLDER + shared
 
 
 def _difference(key: str, held: Any, wanted: Any) -> tuple[str, Any, Any]:  # noqa: ANN401

@@ -1,13 +1,14 @@
-"""Plots of runs, drawn to PNG files: learning curves, and the bottles task's final paths."""
+"""Plots of runs in one context: learning curves, and the bottles task's final paths."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import PercentFormatter, ScalarFormatter
 
 from results.bottles import draw_paths, final_paths, seeds_of
 from results.records import Record
@@ -21,26 +22,70 @@ OPTIMA = {"nmp/Bottles-v0": ("shortest path", -0.129)}  # of the final reward, w
 DPI = 150
 
 
-def plot_runs(
-    folder: Path, curves: pd.DataFrame, records: Sequence[Record], labels: Sequence[str]
-) -> list[Path]:
-    """Draw all that the runs of a folder show, and return the files.
+def figures(
+    curves: pd.DataFrame, records: Sequence[Record], labels: Sequence[str]
+) -> dict[str, Figure]:
+    """Draw all that runs show; return the figures by the name of their file.
 
-    :param folder: where to write
     :param curves: of `results.records.curves_frame`, of at least one run
     :param records: of the same runs
     :param labels: the algorithms in the order of the legend
     """
-    figures: dict[str, Figure] = {}
+    drawn: dict[str, Figure] = {}
     for task, on_task in curves.groupby("task"):
-        name = slug(str(task).removeprefix("nmp/"))
-        figures[f"curves_{name}.png"] = learning_curves(on_task, labels)
+        name = task_slug(str(task))
+        drawn[f"curves_{name}.png"] = learning_curves(on_task, labels)
         paths = final_paths(record for record in records if record["specification"]["task"] == task)
         if str(task).startswith("nmp/Bottles-"):
-            figures[f"paths_{name}.png"] = draw_paths(paths, labels)
-    for name, figure in figures.items():
+            drawn[f"paths_{name}.png"] = draw_paths(paths, labels)
+    return drawn
+
+
+def save_figures(folder: Path, drawn: Mapping[str, Figure]) -> list[Path]:
+    """Write figures as PNG files and return their paths.
+
+    :param folder: where to write
+    :param drawn: by the name of their file
+    """
+    for name, figure in drawn.items():
         figure.savefig(folder / name, dpi=DPI)
-    return [folder / name for name in figures]
+    return [folder / name for name in drawn]
+
+
+def task_slug(task: str) -> str:
+    """Return a task's name for files.
+
+    >>> task_slug("nmp/Push-v0")
+    'push-v0'
+
+    :param task: its id
+    """
+    return slug(task.removeprefix("nmp/"))
+
+
+def line_style(label: str, labels: Sequence[str]) -> dict[str, Any]:
+    """Return an algorithm's colour and line, the same in all figures of a suite.
+
+    :param label: the algorithm's
+    :param labels: all algorithms of the suite, in their order
+    """
+    place = list(labels).index(label)
+    return {
+        "color": COLOURS[place % len(COLOURS)],
+        "linestyle": LINES[place % len(LINES)],
+        "linewidth": 2.0,
+    }
+
+
+def logarithmic_from_zero(axes: Axes, first: float) -> None:
+    """Make an axis of rollouts logarithmic from a count on, and linear from 0 to it.
+
+    :param axes: whose x-axis
+    :param first: the count, positive
+    """
+    axes.set_xscale("symlog", linthresh=first, linscale=0.3)
+    axes.xaxis.set_major_formatter(ScalarFormatter())
+    axes.set_xlabel(f"rollouts (logarithmic from {first:.0f} on)")
 
 
 def learning_curves(curves: pd.DataFrame, labels: Sequence[str]) -> Figure:
@@ -54,11 +99,7 @@ def learning_curves(curves: pd.DataFrame, labels: Sequence[str]) -> Figure:
     found = set(curves["label"])
     shown = [label for label in labels if label in found]
     for label in shown:
-        style = {
-            "color": COLOURS[list(labels).index(label) % len(COLOURS)],
-            "linestyle": LINES[list(labels).index(label) % len(LINES)],
-            "linewidth": 2.0,
-        }
+        style = line_style(label, labels)
         chosen = curves.loc[curves["label"] == label]
         n_seeds = chosen["seed"].nunique()
         rate = by_seed(chosen, "greedy_success").mean(axis=1)

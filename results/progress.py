@@ -96,13 +96,11 @@ def describe(outcome: Outcome) -> str:
 
     :param outcome: of the run
     """
-    name = f"{outcome.run.label} on {outcome.run.task}, seed {outcome.run.seed}"
+    name = outcome.run.name
     if outcome.failed:
         error = outcome.record["error"]
         return f"{name}: failed, {error['type']}: {' '.join(error['message'].split())}"
-    curve = outcome.record["curve"]
-    solved = "solved" if curve["greedy_success"][-1] else "not solved"
-    return f"{name}: {solved}, greedy reward {curve['greedy_reward'][-1]:.4f}"
+    return f"{name}: {outcome.run.protocol.headline(outcome.record['curve'])}"
 
 
 def _stopped(plan: Plan, why: str, status: int) -> int:

@@ -9,10 +9,12 @@ from typing import Any
 
 PACKAGES = (
     "sb3-nmp",
+    "cma",
     "gymnasium",
     "mujoco",
     "numpy",
     "pandas",
+    "scikit-learn",
     "scipy",
     "stable-baselines3",
     "torch",

@@ -2,7 +2,8 @@
 
 A finished run is ``<stem>.json``, a failed one ``<stem>.failed.json``. Both hold the run's
 ``specification``, its ``provenance`` and its ``outcome``; a finished one the ``seconds`` spent, the
-``curve`` (lists by column) and the last ``greedy`` rollout, a failed one the ``error``.
+``curve`` (lists by column) and, by protocol, the last ``greedy`` rollout or the rollouts in each of
+its ``contexts``; a failed one the ``error``.
 """
 
 import json
@@ -15,11 +16,18 @@ from typing import Any
 import pandas as pd
 
 from results.exceptions import BenchmarkError
+from results.protocols import OneContext
 from results.specification import RunSpecification
 
 FORMAT = 1
+OUTCOME_COLUMNS = (
+    "task", "label", "seed", "budget", "outcome", "reason", "commit", "dirty", "training_seconds",
+)  # fmt: skip
+IDENTITY = ("label", "task", "seed", "target", "extrapolation")
 VIEWS = ("greedy", "best")  # what is measured: the greedy policy, the best rollout so far
 FAILED = ".failed.json"
+# What a specification means that was written before these keys existed.
+EARLIER = {"protocol": {"name": OneContext.name}, "own_budget": False}
 Record = dict[str, Any]
 
 
@@ -65,7 +73,7 @@ def read_record(path: Path) -> Record:
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
         if record["format"] == FORMAT:
-            return record
+            return record | {"specification": EARLIER | record["specification"]}
         found = f"it has format {record['format']}"
     except (OSError, ValueError, TypeError, KeyError) as error:
         found = f"{type(error).__name__}: {error}"
@@ -99,13 +107,17 @@ def runs_frame(records: Iterable[Record]) -> pd.DataFrame:
 
 
 def curves_frame(records: Iterable[Record]) -> pd.DataFrame:
-    """Return the curves of the finished runs, one row a step: ``label``, ``task``, ``seed``, curve.
+    """Return the curves of the finished runs, one row a step: `IDENTITY`, where it is, and curve.
 
     :param records: of finished and failed runs
     """
     frames = [
         pd.DataFrame(record["curve"]).assign(
-            **{key: record["specification"][key] for key in ("label", "task", "seed")}
+            **{
+                key: record["specification"][key]
+                for key in IDENTITY
+                if key in record["specification"]
+            }
         )
         for record in records
         if record["outcome"] == "finished"
@@ -130,24 +142,36 @@ def rollouts_to_success(rollouts: Iterable[int], successes: Iterable[bool]) -> f
     return since
 
 
-def _run_columns() -> Iterable[str]:
-    yield from ("task", "label", "seed", "budget", "outcome", "reason", "commit", "dirty")
-    yield from (f"{view}_{what}" for view in VIEWS for what in ("solved", "rollouts", "reward"))
-    yield from ("any_rollouts", "training_seconds")
+def outcome_row(record: Record) -> dict[str, Any]:
+    """Return what a row of any protocol's data frame begins with.
 
-
-def _run_row(record: Record) -> dict[str, Any]:
+    :param record: of a finished or failed run
+    :return: `OUTCOME_COLUMNS`; ``reason`` tells why a run failed
+    """
     specification, origin = record["specification"], record["provenance"]
     row = {key: specification[key] for key in ("task", "label", "seed", "budget")}
     row |= {"outcome": record["outcome"], "commit": origin["commit"], "dirty": origin["dirty"]}
+    if record["outcome"] == "finished":
+        return row | {"reason": "", "training_seconds": record["seconds"]["training"]}
+    error = record["error"]
+    reason = f"{error['type']}: {error['message']}"
+    return row | {"reason": reason, "training_seconds": math.nan}
+
+
+def _run_columns() -> Iterable[str]:
+    yield from OUTCOME_COLUMNS
+    yield from (f"{view}_{what}" for view in VIEWS for what in ("solved", "rollouts", "reward"))
+    yield "any_rollouts"
+
+
+def _run_row(record: Record) -> dict[str, Any]:
+    row = outcome_row(record)
     if record["outcome"] != "finished":
-        error = record["error"]
-        return row | {"reason": f"{error['type']}: {error['message']}"}
+        return row
     curve = record["curve"]
     for view in VIEWS:
         rollouts = rollouts_to_success(curve["rollouts"], curve[f"{view}_success"])
         row[f"{view}_rollouts"] = rollouts
         row[f"{view}_solved"] = math.isfinite(rollouts)
         row[f"{view}_reward"] = curve[f"{view}_reward"][-1]
-    row["any_rollouts"] = rollouts_to_success(curve["rollouts"], curve["any_success"])
-    return row | {"reason": "", "training_seconds": record["seconds"]["training"]}
+    return row | {"any_rollouts": rollouts_to_success(curve["rollouts"], curve["any_success"])}

@@ -12,7 +12,7 @@ from benchmark_envs import make_task
 from benchmark_envs.trajectory_env import FRAMES_PER_SECOND
 from results.exceptions import BenchmarkError
 from results.records import read_record
-from results.suites import ALGORITHMS, find_label
+from results.suites import find_label, known_algorithms
 
 ENDINGS = (".gif", ".mp4", ".png")
 SHEET = (2, 4)  # rows and columns of pictures
@@ -73,13 +73,19 @@ def chosen_rollout(request: RenderRequest) -> tuple[np.ndarray, np.ndarray]:
                 f"'{request.run}' is a {record['outcome']} run on {record['specification']['task']}"
                 f"; a finished one on {request.task} is needed."
             )
+        if "greedy" not in record:
+            raise BenchmarkError(
+                f"'{request.run}' holds no rollout, because it is a run over many contexts; give "
+                "one in a single context, or a model (--model)."
+            )
         return np.array(record["greedy"]["context"]), _float32(record["greedy"]["trajectory"])
     context = task.sample_context(np.random.default_rng(request.seed))
     if request.model is None:
         return context, _float32(task.demonstrate(context, request.expert))
     if not request.model.exists():
         raise BenchmarkError(f"there is no model '{request.model}'; give a file of model.save().")
-    algorithm = ALGORITHMS[find_label(request.algorithm, ALGORITHMS, "the benchmark")].load()
+    known = known_algorithms()
+    algorithm = known[find_label(request.algorithm, known, "the benchmark")].load()
     action, _ = algorithm.load(request.model).predict(_float32(context), deterministic=True)
     return context, action
 

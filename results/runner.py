@@ -3,24 +3,20 @@
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self, cast
+from typing import Self, cast
 
 import numpy as np
 import torch as th
 from joblib import Parallel, cpu_count, delayed, parallel_config
-from stable_baselines3.common.env_util import make_vec_env
 
-from benchmark_envs import Task, TrajectoryVecEnv, make_task
-from results.evaluation import GreedyEvaluation
 from results.planning import Plan, clear
+from results.protocols import OnRollouts
 from results.provenance import provenance
 from results.records import Record, failed_path, finished_path, write_record
 from results.specification import RunSpecification
-
-OnRollouts = Callable[[int], None]
 
 
 @dataclass(frozen=True)
@@ -92,54 +88,29 @@ class CounterWriter:
             file.write(np.int64(n_rollouts).tobytes())
 
 
-def pinned_task(run: RunSpecification) -> tuple[Task, dict[str, Any], np.ndarray]:
-    """Return a run's task, its settings (a single simulator thread) and the run's one context.
-
-    :param run: the run
-    :return: the task, its constructor arguments, and the context of shape (C,)
-    """
-    settings = dict(run.task_settings)
-    task = make_task(run.task, **settings)
-    if "n_threads" in task.setting_names():
-        settings["n_threads"] = 1
-        task = make_task(run.task, **settings)
-    return task, settings, task.sample_context(np.random.default_rng(run.seed))
-
-
 def execute(run: RunSpecification, on_rollouts: OnRollouts | None = None) -> Record:
     """Do one run in this process.
 
-    The time of the greedy evaluations is not counted in ``seconds["training"]``, the time of the
-    rollouts is.
+    The times of the greedy evaluations and of the expert are not counted in
+    ``seconds["training"]``; those of the rollouts and of training on demonstrations are.
 
     :param run: what to run
     :param on_rollouts: told the number of rollouts so far
-    :return: ``seconds``, ``curve`` and ``greedy`` of its record
+    :return: ``seconds`` and ``curve`` of its record, and what else its protocol records
     """
     th.set_num_threads(1)
-    task, settings, context = pinned_task(run)
-    evaluation = GreedyEvaluation(task, context, on_rollouts)
-    env = make_vec_env(
-        run.task,
-        n_envs=run.n_envs,
-        vec_env_cls=TrajectoryVecEnv,
-        env_kwargs={**settings, "context": context},
-    )
     algorithm = run.algorithm.load()
+    scene = run.protocol.prepare(run, on_rollouts)
+    arguments = run.algorithm.arguments(scene.demonstrations)
     start = time.perf_counter()
-    model = algorithm("MlpPolicy", env, seed=run.seed, **run.algorithm.settings)
-    model.learn(run.budget, callback=evaluation, progress_bar=False)
+    model = algorithm("MlpPolicy", scene.env, seed=run.seed, **arguments)
+    model.learn(run.budget, callback=scene.evaluation, progress_bar=False)
     total = time.perf_counter() - start
-    env.close()
-    greedy = evaluation.greedy
+    scene.env.close()
+    evaluating = scene.evaluation.seconds
     return {
-        "seconds": {"training": total - evaluation.seconds, "evaluation": evaluation.seconds},
-        "curve": evaluation.curve,
-        "greedy": {
-            "context": context.round(5).tolist(),
-            "trajectory": greedy.trajectories[0].round(5).tolist(),
-            "executed": greedy.executed[0].round(5).tolist(),
-        },
+        "seconds": {"training": total - evaluating, "evaluation": evaluating},
+        **scene.evaluation.record(),
     }
 
 

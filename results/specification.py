@@ -6,11 +6,13 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from results.exceptions import BenchmarkError
+from results.protocols import OneContext, Protocol
+from sb3_nmp.common.demonstrations import Demonstrations
 
 
 @dataclass(frozen=True)
@@ -21,11 +23,31 @@ class Algorithm:
     :param settings: constructor arguments besides policy, environment and seed; plain values or
         dataclasses
     :param description: one line for the tables
+    :param shown_as: the constructor's argument for demonstrations, where a protocol has some:
+        ``"demonstrations"`` takes the set, ``"initial_trajectories"`` its trajectories
+    :param pretrained: whether it can answer before its first rollout, where it was shown some
+    :param budget: rollouts a run, where it needs more than a suite's other algorithms
     """
 
     path: str
     settings: Mapping[str, Any] = field(default_factory=dict)
     description: str = ""
+    shown_as: Literal["demonstrations", "initial_trajectories"] = "demonstrations"
+    pretrained: bool = True
+    budget: int | None = None
+
+    def arguments(self, demonstrations: Demonstrations | None) -> dict[str, Any]:
+        """Return all constructor arguments besides policy, environment and seed.
+
+        :param demonstrations: what the protocol shows; None shows nothing
+        """
+        if demonstrations is None:
+            return dict(self.settings)
+        forms = {
+            "demonstrations": demonstrations,
+            "initial_trajectories": demonstrations.trajectories,
+        }
+        return {**self.settings, self.shown_as: forms[self.shown_as]}
 
     def load(self) -> Any:  # noqa: ANN401
         """Import the class.
@@ -49,10 +71,12 @@ class RunSpecification:
     :param label: the algorithm's name in tables and plots
     :param algorithm: its class and settings
     :param task: the task's id
-    :param seed: of the algorithm and, where the task draws contexts, of the run's one context
+    :param seed: of the algorithm and of the contexts that the task draws
     :param budget: rollouts
     :param task_settings: the task's constructor arguments
     :param n_envs: environments that are stepped at once
+    :param protocol: where the run takes place, what it is shown and how it is evaluated
+    :param own_budget: whether the budget is the algorithm's own, which others need not share
     """
 
     label: str
@@ -62,11 +86,18 @@ class RunSpecification:
     budget: int
     task_settings: Mapping[str, Any] = field(default_factory=dict)
     n_envs: int = 1
+    protocol: Protocol = OneContext()  # noqa: RUF009 (frozen)
+    own_budget: bool = False
 
     @property
     def stem(self) -> str:
         """The name of the run's file, without its ending."""
-        return run_stem({"label": self.label, "task": self.task, "seed": self.seed})
+        return run_stem(self.as_dict())
+
+    @property
+    def name(self) -> str:
+        """The run's name in messages."""
+        return run_name(self.as_dict())
 
     def as_dict(self) -> dict[str, Any]:
         """Return the specification as plain JSON values, the settings' dataclasses named."""
@@ -79,6 +110,9 @@ class RunSpecification:
             "seed": self.seed,
             "budget": self.budget,
             "n_envs": self.n_envs,
+            "protocol": {"name": self.protocol.name, **self.protocol.settings},
+            "own_budget": self.own_budget,
+            **self.protocol.identity,
         }
 
 
@@ -118,10 +152,23 @@ def run_stem(identity: Mapping[str, Any]) -> str:
     >>> run_stem({"label": "RC-NMP", "task": "nmp/Bottles-v0", "seed": 7})
     'rc-nmp_bottles-v0_seed-007'
 
-    :param identity: the run's ``label``, ``task`` and ``seed``
+    :param identity: the run's ``label``, ``task`` and ``seed``, and ``target`` where it has one
     """
     task = slug(identity["task"].removeprefix("nmp/"))
-    return f"{slug(identity['label'])}_{task}_seed-{identity['seed']:03d}"
+    target = f"_target-{identity['target']:02d}" if "target" in identity else ""
+    return f"{slug(identity['label'])}_{task}{target}_seed-{identity['seed']:03d}"
+
+
+def run_name(identity: Mapping[str, Any]) -> str:
+    """Return a run's name in messages.
+
+    >>> run_name({"label": "ACNMP", "task": "nmp/Push-v0", "target": 9, "seed": 7})
+    'ACNMP on nmp/Push-v0, target 9, seed 7'
+
+    :param identity: the run's ``label``, ``task`` and ``seed``, and ``target`` where it has one
+    """
+    target = f", target {identity['target']}" if "target" in identity else ""
+    return f"{identity['label']} on {identity['task']}{target}, seed {identity['seed']}"
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401

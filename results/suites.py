@@ -3,9 +3,11 @@
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from benchmark_envs.tasks.push import EXTRAPOLATION_TARGETS, TARGETS
 from results.exceptions import BenchmarkError
+from results.protocols import LeaveOneOut, OneContext, Protocol, Stream
 from results.specification import Algorithm, RunSpecification, Suite
 from sb3_nmp.common.noise import SmoothNoise
 
@@ -44,6 +46,40 @@ ABLATIONS: dict[str, Algorithm] = {
     "time as it is": _rcnmp(policy_kwargs={"n_frequencies": 0}),
 }
 
+_ACNMP = Algorithm("sb3_nmp.acnmp:ACNMP", description="adaptive conditional neural process")
+_EWERTON = Algorithm(
+    "baselines:EwertonProMPRL",
+    description="one ProMP, Gaussian processes, relevance-weighted policy optimisation",
+)
+
+# Adaptation to a held-out target (thesis 5.2.2, the first experiment).
+PUSH_ALGORITHMS: dict[str, Algorithm] = {
+    "ACNMP": _ACNMP,
+    "CMA-ES residual": Algorithm(
+        "baselines:CMAES",
+        {"residual": SmoothNoise(n_bases=5)},
+        description="CMA-ES over smooth changes of the CNMP's answer",
+    ),
+    "CMA-ES context": Algorithm(
+        "baselines:CMAES",
+        {"residual": SmoothNoise(n_bases=4), "context_std": 0.3},
+        description="the same, and over the context that the CNMP is asked for",
+    ),
+    "ProMP+RL (Stark)": Algorithm(
+        "baselines:StarkProMPRL",
+        description="a ProMP a target, whose experience starts REPS on the next one",
+        budget=1200,
+    ),
+    "ProMP+RL (Ewerton)": replace(_EWERTON, budget=1200),
+    "REPS": replace(ALGORITHMS["REPS"], budget=1200),
+    "RC-NMP": replace(ALGORITHMS["RC-NMP"], shown_as="initial_trajectories", pretrained=False),
+}
+PUSH_ABLATIONS: dict[str, Algorithm] = {}
+
+# Self-improvement over a stream of contexts (thesis 5.2.2, the second experiment).
+APERTURE_ALGORITHMS: dict[str, Algorithm] = {"ACNMP": _ACNMP, "ProMP+RL (Ewerton)": _EWERTON}
+APERTURE_ABLATIONS: dict[str, Algorithm] = {}
+
 
 @dataclass(frozen=True)
 class Recipe:
@@ -54,6 +90,7 @@ class Recipe:
     :param tasks: task settings by task id
     :param budget: rollouts a run
     :param n_seeds: how many seeds by default, from 0 on
+    :param protocols: each seed is run once in each
     """
 
     description: str
@@ -61,15 +98,49 @@ class Recipe:
     tasks: Mapping[str, Mapping[str, object]]
     budget: int
     n_seeds: int
+    protocols: tuple[Protocol, ...] = (OneContext(),)
 
 
 BOTTLES: dict[str, dict[str, object]] = {"nmp/Bottles-v0": {}}
+PUSH: dict[str, dict[str, object]] = {"nmp/Push-v0": {}}
+APERTURE: dict[str, dict[str, object]] = {"nmp/Aperture-v0": {}}
+HELD_OUT = tuple(LeaveOneOut(t, t in EXTRAPOLATION_TARGETS) for t in range(len(TARGETS)))
 
 SUITES: dict[str, Recipe] = {
     "quick": Recipe("all methods on the bottles task", ALGORITHMS, BOTTLES, 400, 5),
     "bottles": Recipe("the same, for conclusions", ALGORITHMS, BOTTLES, 400, 50),
     "ablations": Recipe("RC-NMP without one of its elements", ABLATIONS, BOTTLES, 400, 20),
+    "push": Recipe(
+        "adaptation to each held-out pushing target", PUSH_ALGORITHMS, PUSH, 200, 5, HELD_OUT
+    ),
+    "push-ablations": Recipe(
+        "ACNMP without one of its elements, pushing", PUSH_ABLATIONS, PUSH, 200, 5, HELD_OUT
+    ),
+    "aperture": Recipe(
+        "self-improvement over a stream of apertures",
+        APERTURE_ALGORITHMS,
+        APERTURE,
+        10_000,
+        5,
+        (Stream(),),
+    ),
+    "aperture-ablations": Recipe(
+        "ACNMP without one of its elements, apertures",
+        APERTURE_ABLATIONS,
+        APERTURE,
+        10_000,
+        5,
+        (Stream(),),
+    ),
 }
+
+
+def known_algorithms() -> dict[str, Algorithm]:
+    """Return the algorithms of all suites by label; of equal labels the first suite's."""
+    known: dict[str, Algorithm] = {}
+    for recipe in SUITES.values():
+        known |= {key: value for key, value in recipe.algorithms.items() if key not in known}
+    return known
 
 
 def make_suite(
@@ -82,27 +153,47 @@ def make_suite(
 
     :param name: one of `SUITES`
     :param seeds: the suite's own number of seeds, from 0 on, by default
-    :param budget: rollouts a run; the suite's own by default
+    :param budget: rollouts a run; by default the suite's own, or the algorithm's where it has one
     :param labels: the algorithms to run; all by default. Case and punctuation do not matter
     :raises BenchmarkError: no such suite or algorithm, no seed, or a budget below 1
     """
     if name not in SUITES:
         raise BenchmarkError(f"no suite '{name}' is registered; there are {', '.join(SUITES)}.")
     recipe = SUITES[name]
+    if not recipe.algorithms:
+        raise BenchmarkError(f"the suite '{name}' has no algorithm yet.")
     chosen = list(recipe.algorithms)
     if labels is not None:
         chosen = [find_label(label, chosen, f"the suite '{name}'") for label in labels]
-    budget = recipe.budget if budget is None else budget
-    if budget < 1:
+    if budget is not None and budget < 1:
         raise BenchmarkError(f"the budget is {budget}; a run needs at least 1 rollout.")
     seeds = range(recipe.n_seeds) if seeds is None else list(seeds)
     specifications = [
-        RunSpecification(label, recipe.algorithms[label], task, seed, budget, settings)
-        for task, settings in recipe.tasks.items()
+        _specification(recipe, label, task, seed, budget, protocol)
+        for task in recipe.tasks
         for seed in seeds
+        for protocol in recipe.protocols
         for label in dict.fromkeys(chosen)
     ]
     return Suite(name, recipe.description, tuple(specifications))
+
+
+def _specification(
+    recipe: Recipe, label: str, task: str, seed: int, budget: int | None, protocol: Protocol
+) -> RunSpecification:
+    """Return one run of a suite; a budget given goes before the recipe's and the algorithm's."""
+    algorithm = recipe.algorithms[label]
+    own = budget is None and algorithm.budget is not None
+    return RunSpecification(
+        label,
+        algorithm,
+        task,
+        seed,
+        budget or algorithm.budget or recipe.budget,
+        recipe.tasks[task],
+        protocol=protocol,
+        own_budget=own,
+    )
 
 
 def find_label(wanted: str, labels: Iterable[str], where: str) -> str:

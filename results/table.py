@@ -12,12 +12,12 @@ from rich.table import Table
 from rich.text import Text
 
 from results.aggregate import compare, summarise
-from results.suites import ALGORITHMS
+from results.notes import descriptions, failures, origins, rollouts_cell
+from results.text_table import NOT_APPLICABLE, stacked
 
 VIEWS = ("greedy", "best")
 COLUMNS = ("solved", "rollouts", "reward", "IQM")  # of each view
 WIDTH = 120  # of a terminal, in characters
-NOT_APPLICABLE = "–"
 
 
 @dataclass(frozen=True)
@@ -72,22 +72,9 @@ def footnotes(runs: pd.DataFrame) -> list[str]:
         "budget. reward: at the end of the budget, median. IQM: interquartile mean of the same, "
         "with its 95 % bootstrap interval over seeds. time: median seconds a run on one thread, "
         "rollouts included, greedy evaluations not.",
-        *_descriptions(runs),
-        *_origins(runs),
+        *descriptions(runs),
+        *origins(runs),
     ]
-
-
-def failures(runs: pd.DataFrame) -> list[str]:
-    """Return a line for each reason why runs failed, with their seeds.
-
-    :param runs: one row a run
-    """
-    failed = runs.loc[runs["outcome"] == "failed"].sort_values(["task", "label", "seed"])
-    seeds: dict[str, list[str]] = {}
-    for row in failed.to_dict("records"):
-        what = f"{row['label']} on {row['task']}: {' '.join(row['reason'].split())}"
-        seeds.setdefault(what, []).append(str(row["seed"]))
-    return [f"{what} (seeds {', '.join(found)})" for what, found in seeds.items()]
 
 
 def comparisons(runs: pd.DataFrame, reference: str) -> list[str]:
@@ -134,10 +121,10 @@ def _table(rows: Iterable[TableRow], views: Iterable[str]) -> Table:
     table.add_column("\nseeds", justify="right", no_wrap=True)
     for view, column in keys:
         table.add_column(f"{view}\n{column}", justify="right", no_wrap=True)
-    table.add_column("time\n[s]", justify="right", no_wrap=True)
+    table.add_column(Text("time\n[s]"), justify="right", no_wrap=True)
     for row in rows:
-        cells = [_stacked(row.cells.get(key, (row.reason, ""))) for key in keys]
-        table.add_row(row.label, _stacked(row.seeds), *cells, row.training or NOT_APPLICABLE)
+        cells = [stacked(row.cells.get(key, (row.reason, ""))) for key in keys]
+        table.add_row(row.label, stacked(row.seeds), *cells, row.training or NOT_APPLICABLE)
     return table
 
 
@@ -186,31 +173,20 @@ def _section(title: str, lines: list[str], style: str) -> list[Text]:
     return [Text("\n".join([title, *lines, ""]), style=style)] if lines else []
 
 
-def _stacked(cell: tuple[str, str]) -> Text:
-    main, spread = cell
-    return Text.assemble(main, (f"\n{spread}", "dim")) if spread else Text(main)
-
-
 def _cells(row: Mapping[Hashable, Any], view: str) -> tuple[tuple[str, str], ...]:
     """Return the cells of `COLUMNS`, each as its main line and its spread."""
     percent = f"{100 * row[f'{view}_solved_low']:.0f}–{100 * row[f'{view}_solved_high']:.0f} %"
     solved = (f"{row[f'{view}_solved']:.0f}/{row['seeds']}", percent)
-    median, q25, q75 = (
-        _rollouts(row[f"{view}_rollouts_{end}"], row["budget"]) for end in ("median", "q25", "q75")
-    )
+    counts = {end: row[f"{view}_rollouts_{end}"] for end in ("median", "q25", "q75")}
     low, high = row[f"{view}_iqm_low"], row[f"{view}_iqm_high"]
     interval = "one seed" if math.isnan(low) else f"[{low:.4f},{high:.4f}]"
     reward, mean = (f"{row[f'{view}_{name}']:.4f}" for name in ("reward_median", "iqm"))
     return (
         solved,
-        (median, f"({q25}–{q75})" if q25 != q75 else f"({q25})"),
+        rollouts_cell(counts, row["budget"]),
         (reward, ""),
         (mean, interval),
     )
-
-
-def _rollouts(count: float, budget: float) -> str:
-    return f"{count:.0f}" if math.isfinite(count) else f">{budget:.0f}"
 
 
 def _probability(row: Mapping[Hashable, Any], name: str) -> str:
@@ -222,32 +198,6 @@ def _probability(row: Mapping[Hashable, Any], name: str) -> str:
 def _title(task: str, runs: pd.DataFrame) -> str:
     chosen = runs.loc[runs["task"] == task]
     return f"{task}, budget {_listing(chosen['budget'])} rollouts"
-
-
-def _descriptions(runs: pd.DataFrame) -> list[str]:
-    """Say in a line what the algorithms are, as far as the suites describe them."""
-    known = {label: a.description for label, a in ALGORITHMS.items() if a.description}
-    present = [label for label in known if label in set(runs["label"])]
-    return ["; ".join(f"{label}: {known[label]}" for label in present) + "."] if present else []
-
-
-def _origins(runs: pd.DataFrame) -> list[str]:
-    """Tell the commits, and where the algorithms' seeds differ."""
-    commits = sorted(
-        {
-            f"{str(commit)[:10] if commit else 'unknown'}{' with local changes' if dirty else ''}"
-            for commit, dirty in zip(runs["commit"], runs["dirty"], strict=True)
-        }
-    )
-    plural = "s" if len(commits) > 1 else ""
-    notes = [f"Commit{plural}: {', '.join(commits)}."]
-    finished = runs.loc[runs["outcome"] == "finished"]
-    seeds = {frozenset(group["seed"]) for _, group in finished.groupby(["task", "label"])}
-    if len(seeds) > 1:
-        notes.append(
-            "The algorithms' finished seeds differ, so their numbers do not compare in full."
-        )
-    return notes
 
 
 def _listing(values: pd.Series) -> str:

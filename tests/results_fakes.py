@@ -1,15 +1,23 @@
-"""Cheap algorithms with which the harness is tested."""
+"""Cheap algorithms, and a task without physics, with which the harness is tested."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, ClassVar, cast
 
+import gymnasium as gym
 import numpy as np
+import pytest
 import torch as th
 from gymnasium import spaces
-from numpy.typing import NDArray
+from gymnasium.envs.registration import EnvSpec
+from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 
+from benchmark_envs import Rollouts, Task, registry
+from benchmark_envs.task import FloatArray
 from sb3_nmp.common.algorithm import Generation, TrajectoryAlgorithm
+from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.policies import TrajectoryPolicy
 
@@ -86,3 +94,153 @@ class Interrupted(HillClimber):
         if self.seed == 1:
             raise KeyboardInterrupt
         super()._end_generation(generation)
+
+
+TARGET_TASK = "fake/Targets-v0"
+ANGLES = np.deg2rad(np.linspace(-60.0, 140.0, 10))
+TARGETS = np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)
+
+
+class TargetTask(Task):
+    """A point follows its set-points exactly; the last one is to lie at the target."""
+
+    context_names = ("target x [m]", "target y [m]")
+    trajectory_names = ("x [m]", "y [m]")
+    exploration_scale = (0.1, 0.1)
+    targets = TARGETS
+    context_space = spaces.Box(-1.5, 1.5, (2,), np.float32)
+    trajectory_space = spaces.Box(-2.0, 2.0, (12, 2), np.float32)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        return {}
+
+    @property
+    def reward_range(self) -> tuple[float, float]:
+        return -5.0, 0.0
+
+    def sample_context(self, rng: np.random.Generator) -> FloatArray:
+        angle, radius = rng.uniform(-1.0, 2.4), rng.uniform(0.8, 1.2)
+        return radius * np.array([np.cos(angle), np.sin(angle)])
+
+    def initial_trajectory(self, context: ArrayLike) -> FloatArray:
+        return np.zeros((12, 2))
+
+    def demonstrate(self, context: ArrayLike, mode: str | None = None) -> FloatArray:
+        return np.linspace(0.0, 1.0, 12)[:, None] * self.check_context(context)
+
+    def frames(
+        self, context: ArrayLike, trajectory: ArrayLike, width: int = 480, height: int = 360
+    ) -> list[NDArray[np.uint8]]:
+        raise NotImplementedError
+
+    def _simulate(self, contexts: FloatArray, trajectories: FloatArray) -> Rollouts:
+        distances = np.linalg.norm(trajectories[:, -1] - contexts, axis=1)
+        no = np.zeros(len(contexts), bool)
+        return Rollouts(
+            contexts, trajectories, trajectories, -distances, distances < 0.1, no, no.copy()
+        )
+
+
+@contextmanager
+def target_task() -> Iterator[None]:
+    """Register `TARGET_TASK` for a while."""
+    spec = EnvSpec(
+        TARGET_TASK,
+        entry_point="benchmark_envs.trajectory_env:TrajectoryEnv",
+        kwargs={"task": TARGET_TASK},
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(registry._TASKS, TARGET_TASK, TargetTask)
+        patch.setitem(gym.registry, TARGET_TASK, spec)
+        yield
+
+
+class NearestPolicy(TrajectoryPolicy):
+    """Answers with the trajectory of the nearest context that was solved."""
+
+    contexts: th.Tensor
+    trajectories: th.Tensor
+
+    def __init__(
+        self, observation_space: spaces.Box, action_space: spaces.Box, lr_schedule: Schedule
+    ) -> None:
+        super().__init__(observation_space, action_space)
+        self.register_buffer("contexts", th.zeros((0, self.context_dim)))
+        self.register_buffer("trajectories", th.zeros((0, *self.trajectory_shape)))
+
+    def add(self, context: ArrayLike, trajectory: ArrayLike) -> None:
+        """Add one, of shapes (C,) and (T, D)."""
+        row, path = (th.as_tensor(np.array(value, np.float32)) for value in (context, trajectory))
+        self.contexts = th.cat([self.contexts, row[None]])
+        self.trajectories = th.cat([self.trajectories, path[None]])
+
+    def _predict(self, observation: PyTorchObs, deterministic: bool = False) -> th.Tensor:
+        nearest = th.cdist(cast(th.Tensor, observation), self.contexts).argmin(dim=1)
+        return self.trajectories[nearest]
+
+
+class Adaptive(TrajectoryAlgorithm):
+    """Tries what the nearest solved context has, moves step by step to the target, remembers it.
+
+    It asks the environment for its context again until ``n_steps`` rollouts are done in it.
+    """
+
+    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MlpPolicy": NearestPolicy}
+
+    def __init__(
+        self,
+        policy: str,
+        env: Any,
+        seed: int | None = None,
+        demonstrations: Demonstrations | None = None,
+        n_steps: int = 5,
+        step: float = 0.25,
+    ) -> None:
+        if demonstrations is None:
+            raise ValueError("Adaptive needs demonstrations.")
+        self.step = step
+        self.context: NDArray[np.float32] | None = None
+        super().__init__(policy, env, n_steps, 0.0, None, 100, None, 0, seed, "cpu", True)
+        for context, trajectory in zip(
+            demonstrations.contexts, demonstrations.trajectories, strict=True
+        ):
+            self.nearest.add(context, trajectory)
+
+    @property
+    def nearest(self) -> NearestPolicy:
+        return cast(NearestPolicy, self.policy)
+
+    def _begin_generation(self) -> None:
+        self.context = None
+
+    def _wanted_contexts(self, members: slice) -> NDArray[np.float32] | None:
+        return None if self.context is None else self.context
+
+    def _propose(self, members: slice, contexts: NDArray[np.float32]) -> NDArray[np.floating]:
+        self.context = contexts
+        greedy, _ = self.predict(contexts, deterministic=True)
+        ramp = np.linspace(0.0, 1.0, greedy.shape[1])[:, None]
+        part = self.step * members.start * self.rng.uniform(0.5, 1.0)
+        return greedy + part * ramp * (contexts - greedy[:, -1])[:, None]
+
+    def _end_generation(self, generation: Generation) -> None:
+        best = int(np.argmax(generation.rewards))
+        self.nearest.add(generation.contexts[best], generation.trajectories[best])
+
+
+class Guessing(HillClimber):
+    """A hill climber that is given trajectories to begin with, and has no policy before."""
+
+    def __init__(
+        self,
+        policy: str,
+        env: Any,
+        seed: int | None = None,
+        initial_trajectories: NDArray[np.floating] | None = None,
+    ) -> None:
+        self.guess = None if initial_trajectories is None else initial_trajectories.mean(axis=0)
+        super().__init__(policy, env, seed)
+
+    def initial_trajectory(self) -> NDArray[np.float64]:
+        return super().initial_trajectory() if self.guess is None else self.guess

@@ -116,7 +116,7 @@ class TestAlgorithm:
         assert_allclose(model.predict(context, deterministic=True)[0], initial, atol=1e-6)
 
     def test_it_learns_the_bottles_from_the_initial_trajectory(self) -> None:
-        model = make(residual=SmoothNoise(n_bases=8), population_size=10).learn(600)
+        model = make(n_bases=8, population_size=10).learn(600)
         assert model.cases[0].solution is not None
 
     def test_demonstrations_are_learned_before_the_first_rollout(self) -> None:
@@ -137,10 +137,12 @@ class TestAlgorithm:
         ("settings", "message"),
         [
             ({"population_size": 2}, "population_size is 2"),
+            ({"n_bases": 1}, "n_bases is 1"),
+            ({"sigma": -0.1}, r"sigma is -0\.1"),
             ({"context_std": -0.1}, r"context_std is -0\.1"),
             ({"context_std": np.nan}, "context_std is nan"),
             ({"context_std": 0.3}, r"context_std is 0\.3, but there are no demonstrations"),
-            ({"residual": SmoothNoise((0.1, 0.1, 0.1))}, "tuple of 2: one a dimension"),
+            ({"sigma": (0.1, 0.1, 0.1)}, "tuple of 2: one a dimension"),
             ({"demonstrations": np.zeros((2, 200, 2))}, "must be Demonstrations"),
         ],
     )

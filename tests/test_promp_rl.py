@@ -307,13 +307,14 @@ def error(model: Any, contexts: np.ndarray) -> float:
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 class TestAlgorithms:
     def test_demonstrations_are_known_before_the_first_rollout(self, algorithm: Any) -> None:
-        model = make(algorithm, policy_kwargs={"n_bases": 8})
+        narrow = {"width": 0.5} if algorithm is StarkProMPRL else {}
+        model = make(algorithm, policy_kwargs={"n_bases": 8} | narrow)
         assert error(model, SHOWN.contexts) < 0.15
         assert error(model, NEW) < 0.5
 
     def test_a_pinned_context_is_adapted_to(self, algorithm: Any) -> None:
         env = ArcEnv(context=(1.4, -1.4))
-        model = make(algorithm, env, population_size=10)
+        model = make(algorithm, env, population_size=10, initial_sigma=0.2)
         greedy, _ = model.predict(np.array(env.pinned, np.float32), deterministic=True)
         env.reset()
         assert not env.step(greedy)[4]["is_success"]
@@ -323,7 +324,8 @@ class TestAlgorithms:
         assert env.step(greedy)[4]["is_success"]
 
     def test_solved_contexts_improve_others(self, algorithm: Any) -> None:
-        model = make(algorithm, population_size=10, demonstrations=SHOWN[:5])
+        narrow = {"width": 1.0} if algorithm is StarkProMPRL else {}
+        model = make(algorithm, population_size=10, demonstrations=SHOWN[:5], policy_kwargs=narrow)
         before = error(model, NEW)
         model.learn(1500)
         assert len(model.policy.contexts) > 5

@@ -13,7 +13,7 @@ from results.exceptions import BenchmarkError, SettingsClashError
 from results.planning import plan_runs
 from results.progress import run_with_progress
 from results.records import Record, curves_frame, read_record, read_records, write_record
-from results.runner import RolloutCounters, execute, pinned_task, run_plan
+from results.runner import RolloutCounters, execute, run_plan
 from results.specification import Algorithm, RunSpecification, plain
 
 TASK = "nmp/Bottles-v0"
@@ -65,10 +65,8 @@ def test_parallel_environments_are_counted_in_rollouts():
 def test_the_context_is_drawn_by_the_runs_seed():
     algorithm = Algorithm("tests.results_fakes:HillClimber")
     settings = {"random_bottles": True}
-    first, again, other = (
-        pinned_task(RunSpecification("H", algorithm, TASK, seed, 5, settings))[2]
-        for seed in (0, 0, 1)
-    )
+    runs = [RunSpecification("H", algorithm, TASK, seed, 5, settings) for seed in (0, 0, 1)]
+    first, again, other = (np.array(run.protocol.prepare(run).env.reset()) for run in runs)
     assert np.array_equal(first, again) and not np.array_equal(first, other)
 
 
@@ -185,7 +183,7 @@ def test_ctrl_c_ends_worker_processes_quietly(tmp_path: Path, record: Record):
 
 def test_a_record_is_written_whole_or_not_at_all(tmp_path: Path):
     path = tmp_path / "run.json"
-    write_record(path, {"outcome": "finished"})
+    write_record(path, {"outcome": "finished", "specification": {}})
     with pytest.raises(ValueError):
         write_record(path, {"outcome": float("nan")})
     assert read_record(path)["outcome"] == "finished"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 
 from baselines.primitives import DMP, PDFiltered, Primitive, ProMP
-from baselines.reps.gaussian import FloatArray, LinearGaussian
+from baselines.reps.gaussian import FloatArray, LinearGaussian, weighted_regression
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.pd_controller import PDController
 from sb3_nmp.common.policies import TrajectoryPolicy
@@ -128,11 +128,35 @@ class GaussianPrimitivePolicy(TrajectoryPolicy):
             th.tensor(line[0], device=device),
             th.tensor(line[-1], device=device),
         )
-        std = np.broadcast_to(self.primitive.weight_std(sigma), (line.shape[1],))
         coefficients = np.zeros(tuple(self.coefficients.shape))
         coefficients[0] = self.primitive.fit(line).ravel()
+        self.gaussian = LinearGaussian(coefficients, self.gaussian.covariance)
+        self.explore(sigma)
+
+    def start_from_demonstrations(
+        self, contexts: NDArray[np.floating], trajectories: NDArray[np.floating]
+    ) -> None:
+        """Make the mean the linear regression of demonstrated weights on their contexts.
+
+        The slopes are pulled to 0 by a small ridge (`weighted_regression`).
+
+        :param contexts: shape (N, C)
+        :param trajectories: shape (N, T, D)
+        """
+        weights = np.stack([self.primitive.fit(trajectory).ravel() for trajectory in trajectories])
+        equal = np.full(len(weights), 1 / len(weights))
+        coefficients = weighted_regression(weights, self.features(contexts), equal)
+        self.gaussian = LinearGaussian(coefficients, self.gaussian.covariance)
+
+    def explore(self, sigma: float | tuple[float, ...]) -> None:
+        """Set the covariance with which a search starts; the mean stays.
+
+        :param sigma: see `start_from`
+        """
+        n_dimensions = self.trajectory_shape[1]
+        std = np.broadcast_to(self.primitive.weight_std(sigma), (n_dimensions,))
         covariance = np.diag(np.tile(std**2, self.primitive.n_bases))
-        self.gaussian = LinearGaussian(coefficients, covariance)
+        self.gaussian = LinearGaussian(self.gaussian.coefficients, covariance)
 
     def features(self, contexts: NDArray[np.floating]) -> FloatArray:
         """Return (1, context scaled to [-1, 1]), shape (N, 1 + C).

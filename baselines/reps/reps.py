@@ -14,6 +14,7 @@ from baselines.reps.gaussian import FitSettings, FloatArray, LinearGaussian, wei
 from baselines.reps.policies import GaussianPrimitivePolicy
 from baselines.reps.samples import Samples
 from sb3_nmp.common.algorithm import Generation, TrajectoryAlgorithm
+from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.pd_controller import PDController
 
@@ -31,6 +32,9 @@ class REPS(TrajectoryAlgorithm):
     Dropping correlations (``shrinkage``) and the floor ``min_sigma`` work against it; how the
     defaults were chosen stands in ``results/experiments/baselines_tuning.md``.
 
+    With ``demonstrations`` the mean starts as the linear regression of the demonstrated weights on
+    the context instead; start and goal are then part of the weights, and nothing forces them.
+
     :param policy: the policy's class or ``"MlpPolicy"``
     :param env: the environment or its id; T x D trajectories as actions, contexts as observations
     :param learning_rate: step from the old mean to the fitted one, in (0, 1], or a schedule of it
@@ -43,10 +47,12 @@ class REPS(TrajectoryAlgorithm):
     :param n_bases: of the primitive, a dimension
     :param pd_controller: through which trajectories are executed (Eq. 6.3), so that they start and
         end as the initial trajectory; ``"auto"`` is a `PDController` for a ProMP and none for a
-        DMP, which ends at its goal by itself
+        DMP, which ends at its goal by itself, and with demonstrations
     :param sample_generations: generations whose samples an update uses
     :param shrinkage: of the weights' correlations: 0 fits a full covariance, 1 a diagonal one
     :param min_sigma: floor of the trajectories' standard deviation, as ``initial_sigma``
+    :param demonstrations: an expert's trajectories, which a ProMP without controller learns; they
+        are not saved with the model
     :param policy_kwargs: further arguments of the policy
     :param stats_window_size: rollouts over which the logged success rate and reward are averaged
     :param tensorboard_log: folder for TensorBoard; None switches it off
@@ -74,6 +80,7 @@ class REPS(TrajectoryAlgorithm):
         sample_generations: int = 3,
         shrinkage: float = 1.0,
         min_sigma: float | tuple[float, ...] = 0.005,
+        demonstrations: Demonstrations | None = None,
         policy_kwargs: dict[str, Any] | None = None,
         stats_window_size: int = 100,
         tensorboard_log: str | None = None,
@@ -83,13 +90,22 @@ class REPS(TrajectoryAlgorithm):
         _init_setup_model: bool = True,
     ) -> None:
         if pd_controller == "auto":
-            pd_controller = PDController() if primitive == "promp" else None
+            free = primitive == "dmp" or demonstrations is not None
+            pd_controller = None if free else PDController()
         self.epsilon, self.sample_generations, self.shrinkage = (
             epsilon,
             sample_generations,
             shrinkage,
         )
         self.initial_sigma, self.min_sigma = initial_sigma, min_sigma
+        self.demonstrations = demonstrations
+        self._demonstrated = demonstrations is not None
+        if self._demonstrated and (primitive != "promp" or pd_controller is not None):
+            raise ConfigurationError(
+                f"demonstrations were given to primitive '{primitive}' with pd_controller "
+                f"{pd_controller}: a DMP and a controller force start and goal, which differ "
+                "between demonstrations. Give primitive='promp' and pd_controller=None."
+            )
         self._check_settings(population_size)
         self._started = False
         self._samples: list[Samples] = []
@@ -145,6 +161,13 @@ class REPS(TrajectoryAlgorithm):
                     f"{name} is {getattr(self, name)}; it must be one finite number > 0, or a "
                     f"tuple of {n_dimensions}: one a dimension of the trajectory."
                 )
+        if self.demonstrations is not None:
+            shown = self.demonstrations
+            shown.check_fits(self.policy.context_dim, self.policy.trajectory_shape)
+            self.policy.start_from_demonstrations(shown.contexts, shown.trajectories)
+
+    def _excluded_save_params(self) -> list[str]:
+        return [*super()._excluded_save_params(), "demonstrations"]
 
     # -- the search ----------------------------------------------------------------------------
 
@@ -152,7 +175,10 @@ class REPS(TrajectoryAlgorithm):
         if not self._started:
             given = self.initial_sigma
             sigma = self.exploration_scale() if given is None else given
-            self.policy.start_from(self.initial_trajectory(), sigma)
+            if self._demonstrated:
+                self.policy.explore(sigma)
+            else:
+                self.policy.start_from(self.initial_trajectory(), sigma)
             self._started = True
         factor = np.linalg.cholesky(self.policy.gaussian.covariance)
         noise = self.rng.standard_normal((self.population_size, len(factor)))

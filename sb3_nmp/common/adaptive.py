@@ -240,10 +240,10 @@ class AdaptiveAlgorithm(TrajectoryAlgorithm):
         if self.demonstrations is not None:
             self.demonstrations.check_fits(self.policy.context_dim, shape)
             if self.demonstrations.digest != self.demonstrations_digest:
-                known = self.demonstrations_digest
+                given, known = self.demonstrations.digest, self.demonstrations_digest
                 raise InvalidDataError(
-                    f"these demonstrations (digest {self.demonstrations.digest[:12]}) are not those "
-                    f"that the model was made with ({known[:12] if known else 'none'})."
+                    f"these demonstrations (digest {given[:12]}) are not those that the model was "
+                    f"made with ({known[:12] if known else 'none'})."
                 )
 
     def _check_population(self, env: VecEnv) -> None:

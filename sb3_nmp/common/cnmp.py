@@ -22,7 +22,9 @@ class CNMPSettings:
 
     :param representation_dim: Z
     :param encoder_arch: hidden layers of the encoder
+    :param context_arch: hidden layers from the context to the representation
     :param decoder_arch: hidden layers of the decoder
+    :param context_in_decoder: give the context to the decoder too, as the thesis does
     :param n_frequencies: of the time features; 0 feeds time as it is, as the thesis does
     :param min_std: smallest standard deviation of the output, in units of the demonstrations'
         own; without it, Eq. 4.1 has no bound once the demonstrations are met exactly
@@ -30,11 +32,13 @@ class CNMPSettings:
     """
 
     representation_dim: int = 16
-    encoder_arch: tuple[int, ...] = (64, 64)
-    decoder_arch: tuple[int, ...] = (64, 64)
+    encoder_arch: tuple[int, ...] = (128, 128)
+    context_arch: tuple[int, ...] = (64,)
+    decoder_arch: tuple[int, ...] = (128, 128)
+    context_in_decoder: bool = False
     n_frequencies: int = 4
     min_std: float = 0.02
-    activation: type[nn.Module] = nn.Softplus
+    activation: type[nn.Module] = nn.ReLU
 
 
 @dataclass(frozen=True)
@@ -50,7 +54,7 @@ class PretrainingSettings:
     :param weight_decay: of AdamW
     """
 
-    n_steps: int = 2000
+    n_steps: int = 1500
     batch_size: int = 32
     n_target_points: int = 30
     max_conditioning_points: int = 5
@@ -101,9 +105,11 @@ class CNMP(nn.Module):
             context_dim,
             settings.representation_dim,
             list(settings.encoder_arch),
+            list(settings.context_arch),
             list(settings.decoder_arch),
             settings.n_frequencies,
             settings.min_std,
+            settings.context_in_decoder,
             settings.activation,
         )
         self.register_buffer("times", th.linspace(0.0, 1.0, n_time_points))
@@ -144,14 +150,14 @@ class CNMP(nn.Module):
     def representation(
         self, condition: th.Tensor, points: tuple[th.Tensor, th.Tensor] | None = None
     ) -> th.Tensor:
-        """Return the representation of conditioning points, shape (B, Z).
+        """Return the representation of conditioning points, or of contexts alone, shape (B, Z).
 
         :param condition: shape (B, C), as `condition` returns it
         :param points: times in [0, 1], shape (O,), and values in the trajectory's unit, shape
             (O, D); None: no points
         """
         if points is None:
-            return condition.new_zeros((len(condition), self.network.representation_dim))
+            return self.network.from_condition(condition)
         times, values = points
         shape = (len(condition), len(times))
         return self.network.encode(
@@ -159,6 +165,20 @@ class CNMP(nn.Module):
             self.normalise(values).expand(*shape, -1),
             condition,
             th.ones(shape, device=condition.device),
+        )
+
+    @th.no_grad()
+    def encode_whole(self, demonstrations: Demonstrations) -> th.Tensor:
+        """Return the representation of whole trajectories, shape (N, Z).
+
+        :param demonstrations: contexts and trajectories
+        """
+        shape = (len(demonstrations), len(self.times))
+        return self.network.encode(
+            self.times.expand(shape),
+            self.normalise(self.times.new_tensor(demonstrations.trajectories)),
+            self.condition(self.times.new_tensor(demonstrations.contexts)),
+            self.times.new_ones(shape),
         )
 
     def mean(self, condition: th.Tensor, representation: th.Tensor) -> th.Tensor:
@@ -181,13 +201,17 @@ class CNMP(nn.Module):
             and values in the trajectory's unit, shape (O, D)
         :raises InvalidDataError: points of a wrong shape, or times outside [0, 1]
         """
-        checked = None if points is None else self._checked_points(points)
-        rows = th.as_tensor(np.asarray(contexts), dtype=th.float32, device=self.times.device)
-        condition = self.condition(rows)
+        checked = None if points is None else self.checked_points(points)
+        condition = self.condition(self.times.new_tensor(np.asarray(contexts)))
         decoded = self.mean(condition, self.representation(condition, checked))
         return decoded.cpu().numpy().astype(np.float64)
 
-    def _checked_points(self, points: tuple[ArrayLike, ArrayLike]) -> tuple[th.Tensor, th.Tensor]:
+    def checked_points(self, points: tuple[ArrayLike, ArrayLike]) -> tuple[th.Tensor, th.Tensor]:
+        """Return via-points as tensors.
+
+        :param points: times in [0, 1], shape (O,), and values, shape (O, D)
+        :raises InvalidDataError: a wrong shape, a time outside [0, 1], or a non-finite value
+        """
         times, values = (np.asarray(part, np.float32) for part in points)
         expected = (*times.shape, self.value_mean.shape[0])
         if times.ndim != 1 or len(times) == 0 or values.shape != expected:

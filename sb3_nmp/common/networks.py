@@ -150,17 +150,21 @@ class NeuralProcess(nn.Module):
 class ConditionalNeuralProcess(nn.Module):
     """Encoder from conditioning points to a representation, decoder from it to a Gaussian.
 
-    Thesis 4.1 and 4.3, Fig. 4.1 and 4.3: context and time are given to both encoder and decoder;
-    the points' representations are averaged; without a conditioning point the representation is
-    zero, and the context alone decides.
+    Thesis 4.1 and 4.3, Fig. 4.1 and 4.3: the points' representations, each encoded together with
+    the task parameters, are averaged. Without a conditioning point, the representation comes from
+    the task parameters alone, by a network of its own. The thesis gives the task parameters to the
+    decoder too; by default, here they reach it through the representation only, which therefore
+    has to hold all that tells trajectories apart: moving in it moves between demonstrated skills.
 
     :param value_dim: D
     :param condition_dim: K, the task parameters
     :param representation_dim: Z
     :param encoder_arch: hidden layers of the encoder
+    :param context_arch: hidden layers of the network from task parameters to representation
     :param decoder_arch: hidden layers of the decoder
     :param n_frequencies: of the time features
     :param min_std: smallest standard deviation that the decoder gives, in the values' unit
+    :param condition_in_decoder: give the task parameters to the decoder too
     :param activation: between the layers
     """
 
@@ -170,19 +174,23 @@ class ConditionalNeuralProcess(nn.Module):
         condition_dim: int,
         representation_dim: int,
         encoder_arch: list[int],
+        context_arch: list[int],
         decoder_arch: list[int],
         n_frequencies: int,
         min_std: float,
+        condition_in_decoder: bool,
         activation: type[nn.Module],
     ) -> None:
         super().__init__()
         self.representation_dim, self.min_std = representation_dim, min_std
+        self.condition_in_decoder = condition_in_decoder
         self.features = TimeFeatures(n_frequencies)
         encoder_inputs = self.features.n_features + value_dim + condition_dim
         self.encoder = mlp([encoder_inputs, *encoder_arch, representation_dim], activation)
+        self.from_condition = mlp([condition_dim, *context_arch, representation_dim], activation)
         self.decoder = TrajectoryDecoder(
             n_frequencies,
-            representation_dim + condition_dim,
+            representation_dim + (condition_dim if condition_in_decoder else 0),
             decoder_arch,
             2 * value_dim,
             activation,
@@ -193,6 +201,8 @@ class ConditionalNeuralProcess(nn.Module):
     ) -> th.Tensor:
         """Return the representation r, shape (B, Z): the mean over the points that are seen.
 
+        Where none is seen, it is the condition's.
+
         :param times: of the conditioning points, shape (B, O)
         :param values: at those times, shape (B, O, D)
         :param condition: shape (B, K)
@@ -200,16 +210,21 @@ class ConditionalNeuralProcess(nn.Module):
         """
         repeated = condition[:, None].expand(-1, times.shape[1], -1)
         points = self.encoder(th.cat([self.features(times), values, repeated], dim=-1))
-        total = (points * seen[..., None]).sum(dim=1)
-        return total / seen.sum(dim=1, keepdim=True).clamp(min=1.0)
+        n_seen = seen.sum(dim=1, keepdim=True)
+        mean = (points * seen[..., None]).sum(dim=1) / n_seen.clamp(min=1.0)
+        return th.where(n_seen > 0, mean, self.from_condition(condition))
 
     def decode(self, times: th.Tensor, representation: th.Tensor, condition: th.Tensor) -> Normal:
-        """Return p(x_t | r, t, condition) at every target time, batch shape (B, T, D).
+        """Return p(x_t | r, t) at every target time, batch shape (B, T, D).
 
         :param times: target times, shape (T,) or (B, T)
         :param representation: r, shape (B, Z)
-        :param condition: shape (B, K)
+        :param condition: shape (B, K); without effect unless ``condition_in_decoder``
         """
-        outputs = self.decoder(times, th.cat([representation, condition], dim=-1))
-        mean, raw = outputs.chunk(2, dim=-1)
+        constant = (
+            th.cat([representation, condition], dim=-1)
+            if self.condition_in_decoder
+            else representation
+        )
+        mean, raw = self.decoder(times, constant).chunk(2, dim=-1)
         return Normal(mean, nn.functional.softplus(raw) + self.min_std, validate_args=False)

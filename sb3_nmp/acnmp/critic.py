@@ -1,0 +1,105 @@
+"""The critic: a Gaussian process over the coordinates of a search, from a handful of rollouts."""
+
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.stats import norm, rankdata
+
+FloatArray = NDArray[np.float64]
+
+#: length scales that the critic chooses from, in units of the typical distance of two draws from
+#: the exploration's distribution in n dimensions, sqrt(2 n)
+LENGTHS = (0.4, 0.6, 0.9, 1.3, 2.0, 3.0)
+JITTER = 1e-3  # of the variance: rollouts near each other need not agree exactly
+
+
+def normal_scores(rewards: FloatArray) -> FloatArray:
+    """Return rewards by rank as quantiles of N(0, 1), shape (N,): outliers and units do not matter.
+
+    >>> normal_scores(np.array([-7.0, -1.0, -1e9])).round(2).tolist()
+    [0.0, 0.97, -0.97]
+
+    :param rewards: shape (N,)
+    """
+    return cast(FloatArray, norm.ppf((rankdata(rewards) - 0.5) / len(rewards)))
+
+
+def squared_distances(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Return the squared distance of every pair, shape (N, M).
+
+    :param one: shape (N, n)
+    :param other: shape (M, n)
+    """
+    squares = np.sum(one**2, axis=1)[:, None] + np.sum(other**2, axis=1) - 2 * one @ other.T
+    return np.maximum(squares, 0.0)
+
+
+@dataclass(frozen=True)
+class Critic:
+    """A Gaussian process with a squared-exponential kernel; `fit` makes one.
+
+    :param points: shape (N, n)
+    :param length: of the kernel
+    :param variance: of the kernel
+    :param mean: of the values
+    :param factor: lower Cholesky factor of the correlation matrix, shape (N, N)
+    :param weights: its inverse times the values less their mean, shape (N,)
+    """
+
+    points: FloatArray
+    length: float
+    variance: float
+    mean: float
+    factor: FloatArray
+    weights: FloatArray
+
+    @classmethod
+    def fit(
+        cls, points: FloatArray, values: FloatArray, lengths: tuple[float, ...] | None = None
+    ) -> "Critic":
+        """Choose the length scale of largest marginal likelihood.
+
+        :param points: shape (N, n)
+        :param values: shape (N,)
+        :param lengths: to choose from; multiples of sqrt(2 n) (`LENGTHS`) by default
+        """
+        unit = (2 * points.shape[1]) ** 0.5
+        distances = squared_distances(points, points)
+        mean = float(values.mean())
+        best: tuple[float, Critic] | None = None
+        for length in lengths or tuple(unit * multiple for multiple in LENGTHS):
+            correlation = np.exp(-0.5 * distances / length**2) + JITTER * np.eye(len(points))
+            factor, _ = cho_factor(correlation, lower=True)
+            weights = cho_solve((factor, True), values - mean)
+            variance = max(float((values - mean) @ weights) / len(values), 1e-9)
+            evidence = -0.5 * len(values) * np.log(variance) - np.log(np.diag(factor)).sum()
+            if best is None or evidence > best[0]:
+                best = (evidence, cls(points, length, variance, mean, np.tril(factor), weights))
+        return cast(tuple[float, Critic], best)[1]
+
+    def predict(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return means and standard deviations, each of shape (M,).
+
+        :param points: shape (M, n)
+        """
+        cross = np.exp(-0.5 * squared_distances(points, self.points) / self.length**2)
+        explained = np.sum(solve_triangular(self.factor, cross.T, lower=True) ** 2, axis=0)
+        spread = np.sqrt(self.variance * np.maximum(1.0 - explained, 1e-9))
+        return self.mean + cross @ self.weights, spread
+
+    def believing(self, points: FloatArray) -> "Critic":
+        """Return the critic that has seen its own predictions at some points come true.
+
+        With it, the next point of a generation goes elsewhere.
+
+        :param points: shape (M, n)
+        """
+        known = np.concatenate([self.points, points])
+        values = self._values()
+        return Critic.fit(known, np.append(values, self.predict(points)[0]), (self.length,))
+
+    def _values(self) -> FloatArray:
+        return self.mean + self.factor @ (self.factor.T @ self.weights)

@@ -1,0 +1,67 @@
+"""The policy gradient of ACNMP (thesis Eq. 5.2) and its advantages."""
+
+from typing import Literal, get_args
+
+import numpy as np
+import torch as th
+from numpy.typing import NDArray
+
+from sb3_nmp.common.algorithm import Generation
+from sb3_nmp.common.buffer import selection_weights
+from sb3_nmp.common.exceptions import ConfigurationError
+
+FloatArray = NDArray[np.float64]
+
+#: ``"to_go"``: reward from each time on (Eq. 5.2); ``"step"``: reward at each time (the original
+#: code); ``"return"``: the whole reward; ``"place"``: by place among all rollouts of the context
+Advantage = Literal["to_go", "step", "return", "place"]
+
+
+def check_advantage(advantage: str) -> None:
+    """Raise for an advantage that does not exist.
+
+    :param advantage: the name
+    :raises ConfigurationError: there is none of that name
+    """
+    if advantage not in get_args(Advantage):
+        raise ConfigurationError(
+            f"no advantage '{advantage}'; there are {', '.join(get_args(Advantage))}."
+        )
+
+
+def advantages(kind: Advantage, rollouts: Generation, temperature: float = 2.0) -> FloatArray:
+    """Return by how much each rollout is better than the others at each time, shape (N, T).
+
+    The first three are centred over the rollouts and scaled to a standard deviation of 1; where
+    the rewards do not come step by step, they are all the return's. The last one is positive and
+    adds up to 1 over the rollouts: no trajectory is pushed away from.
+
+    :param kind: see `Advantage`
+    :param rollouts: of one context
+    :param temperature: of ``"place"``, in places
+    """
+    n_time_points = rollouts.trajectories.shape[1]
+    if kind == "place":
+        weights = selection_weights(rollouts.rewards, temperature)
+        return np.repeat(weights[:, None], n_time_points, axis=1)
+    steps = rollouts.step_rewards
+    if kind == "return" or steps is None:
+        values = np.repeat(rollouts.rewards[:, None], n_time_points, axis=1)
+    else:
+        values = steps if kind == "step" else np.cumsum(steps[:, ::-1], axis=1)[:, ::-1]
+    centred = values - values.mean(axis=0)
+    return centred / max(float(centred.std()), 1e-12)
+
+
+def policy_gradient_loss(mean: th.Tensor, trajectories: th.Tensor, weights: th.Tensor) -> th.Tensor:
+    """Return minus Eq. 5.2's objective for a Gaussian policy of fixed variance, a scalar.
+
+    Its gradient is the policy gradient: ``-log pi(a_t | c)`` is half the squared error to the
+    policy's mean, weighted by the advantage.
+
+    :param mean: of the policy, in normalised values, shape (T, D)
+    :param trajectories: that were tried, in normalised values, shape (N, T, D)
+    :param weights: advantages, shape (N, T)
+    """
+    squares = ((trajectories - mean) ** 2).sum(dim=-1)
+    return 0.5 * (weights * squares).mean(dim=1).sum()

@@ -1,0 +1,78 @@
+"""ACNMP's policy: the CNMP, and the best trajectories seen."""
+
+from typing import Any
+
+import torch as th
+from gymnasium import spaces
+from numpy.typing import ArrayLike
+from stable_baselines3.common.type_aliases import Schedule
+
+from sb3_nmp.common.adaptive import AdaptivePolicy
+from sb3_nmp.common.cnmp import CNMP, CNMPSettings
+from sb3_nmp.common.noise import SmoothNoise
+
+SAMPLE_NOISE = SmoothNoise(1.0)
+
+
+class ACNMPPolicy(AdaptivePolicy):
+    """Answers a context with the best trajectory seen in it, else with the CNMP's mean.
+
+    A sample (``deterministic=False``) is drawn from the CNMP's Gaussian, smooth over time.
+
+    :param observation_space: contexts, shape (C,)
+    :param action_space: trajectories, shape (T, D)
+    :param lr_schedule: learning rate of Adam after the pre-training
+    :param cnmp: architecture of the network
+    """
+
+    def __init__(
+        self,
+        observation_space: spaces.Box,
+        action_space: spaces.Box,
+        lr_schedule: Schedule,
+        cnmp: CNMPSettings | None = None,
+    ) -> None:
+        super().__init__(observation_space, action_space)
+        self.cnmp_settings = cnmp
+        self.cnmp = CNMP(self.context_dim, self.trajectory_shape, cnmp)
+        self.optimizer = th.optim.Adam(self.cnmp.parameters(), lr_schedule(1), fused=True)
+        bases = SAMPLE_NOISE.bases(self.trajectory_shape[0])
+        self.sample_bases = th.as_tensor(bases, dtype=th.float32)
+
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        return super()._get_constructor_parameters() | {"cnmp": self.cnmp_settings}
+
+    def generalise(self, contexts: th.Tensor, deterministic: bool = True) -> th.Tensor:
+        """Return the CNMP's mean, or a sample, for each context, shape (N, T, D).
+
+        :param contexts: shape (N, C)
+        :param deterministic: the mean
+        """
+        condition = self.cnmp.condition(contexts)
+        return self._decode(condition, self.cnmp.representation(condition), deterministic)
+
+    def through(
+        self, contexts: th.Tensor, points: tuple[ArrayLike, ArrayLike], deterministic: bool
+    ) -> th.Tensor:
+        """Return trajectories that are to pass via-points, shape (N, T, D).
+
+        :param contexts: shape (N, C)
+        :param points: times in [0, 1], shape (O,), and values, shape (O, D)
+        :param deterministic: the mean
+        :raises InvalidDataError: points of a wrong shape, or times outside [0, 1]
+        """
+        condition = self.cnmp.condition(contexts)
+        checked = self.cnmp.checked_points(points)
+        return self._decode(condition, self.cnmp.representation(condition, checked), deterministic)
+
+    def _decode(
+        self, condition: th.Tensor, representation: th.Tensor, deterministic: bool
+    ) -> th.Tensor:
+        network, n_dimensions = self.cnmp.network, self.trajectory_shape[1]
+        predicted = network.decode(self.cnmp.times, representation, condition)
+        values = predicted.mean
+        if not deterministic:
+            bases = self.sample_bases.to(values.device)
+            weights = th.randn(len(values), bases.shape[1], n_dimensions, device=values.device)
+            values = values + predicted.stddev * (bases @ weights)
+        return values * self.cnmp.value_std + self.cnmp.value_mean

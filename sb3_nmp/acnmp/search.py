@@ -1,0 +1,110 @@
+"""The search in one context: which trajectories to try next."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_nmp.acnmp.critic import Critic, normal_scores
+from sb3_nmp.common.algorithm import Generation
+
+FloatArray = NDArray[np.float64]
+
+N_CANDIDATES = 1500  # drawn around the best rollout for each trajectory to try
+CANDIDATE_SCALES = (0.3, 0.6, 1.0, 1.5)  # of their distances, in units of the search's radius
+N_REFINED = 20  # candidates that are refined
+REFINEMENTS = 25  # draws around each of them
+REFINEMENT_SCALE = 0.25
+
+
+@dataclass
+class LatentSearch:
+    """Tries trajectories ``mean + x @ directions``, and remembers how they did.
+
+    With a critic, the first generation is drawn from N(0, radius^2 I) around the greedy
+    trajectory; later ones are the points that an optimistic draw from the critic prefers, around
+    the best rollout so far, within a radius that grows with success and shrinks without. Without
+    a critic, every generation is drawn around the current mean, which `ACNMP` sets to the policy's
+    answer after each update, as the thesis does.
+
+    :param mean: shape (T, D)
+    :param directions: shape (n, T, D)
+    :param radius: of the first generation, in standard deviations
+    :param use_critic: whether a critic proposes
+    :param limits: smallest and largest radius
+    :param coordinates: of the rollouts so far, shape (N, n)
+    :param rollouts: what is known of them, oldest generation first
+    """
+
+    mean: FloatArray
+    directions: FloatArray
+    radius: float = 0.7
+    use_critic: bool = True
+    limits: tuple[float, float] = (0.02, 1.5)
+    coordinates: FloatArray = field(init=False)
+    rollouts: list[Generation] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Start without rollouts."""
+        self.coordinates = np.empty((0, len(self.directions)))
+        self._projection = np.linalg.pinv(self.directions.reshape(len(self.directions), -1))
+
+    @property
+    def rewards(self) -> FloatArray:
+        """Of the rollouts so far, shape (N,)."""
+        return np.concatenate([np.empty(0), *(part.rewards for part in self.rollouts)])
+
+    def ask(self, n: int, rng: np.random.Generator) -> FloatArray:
+        """Return trajectories to try, shape (n, T, D).
+
+        :param n: how many
+        :param rng: the generator to draw from
+        """
+        if self.use_critic and len(self.coordinates) > 1:
+            points = self._ask_critic(n, rng)
+        else:
+            points = self.radius * rng.standard_normal((n, len(self.directions)))
+            if not self.use_critic or len(self.coordinates) == 0:
+                points[0] = 0.0  # the greedy trajectory
+        return self.mean + np.tensordot(points, self.directions, axes=1)
+
+    def _ask_critic(self, n: int, rng: np.random.Generator) -> FloatArray:
+        values = normal_scores(self.rewards)
+        centre = self.coordinates[values.argmax()]
+        critic = Critic.fit(self.coordinates, values)
+        points: list[FloatArray] = []
+        for _ in range(n):
+            scales = self.radius * rng.choice(CANDIDATE_SCALES, (N_CANDIDATES, 1))
+            drawn = centre + scales * rng.standard_normal((N_CANDIDATES, len(centre)))
+            for _ in range(2):
+                best = drawn[np.argsort(-optimistic(critic, drawn, rng))[:N_REFINED]]
+                around = np.repeat(best, REFINEMENTS, axis=0)
+                step = REFINEMENT_SCALE * self.radius * rng.standard_normal(around.shape)
+                drawn = np.concatenate([best, around + step])
+            points.append(drawn[optimistic(critic, drawn, rng).argmax()])
+            critic = critic.believing(points[-1][None])
+        return np.stack(points)
+
+    def tell(self, rollouts: Generation) -> None:
+        """Take in rollouts of this context.
+
+        :param rollouts: their coordinates are read from their trajectories, by least squares
+        """
+        before = self.rewards
+        deviations = (rollouts.trajectories - self.mean).reshape(len(rollouts), -1)
+        self.coordinates = np.concatenate([self.coordinates, deviations @ self._projection])
+        self.rollouts.append(rollouts)
+        if self.use_critic and len(before) > 1:
+            better = rollouts.rewards.max() > before.max()
+            self.radius = float(np.clip(self.radius * (1.25 if better else 0.75), *self.limits))
+
+
+def optimistic(critic: Critic, points: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return a random upper bound of each point's value: the mean plus a half-normal deviation.
+
+    :param critic: of the search
+    :param points: shape (M, n)
+    :param rng: the generator to draw from
+    """
+    mean, std = critic.predict(points)
+    return mean + std * np.abs(rng.standard_normal(len(points)))

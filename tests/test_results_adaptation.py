@@ -1,0 +1,234 @@
+"""Numbers, tables and plots of runs that adapt to held-out targets."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from results.adaptation import (
+    adaptation_frame,
+    adaptation_tables,
+    error_after,
+    summarise_adaptation,
+)
+from results.exceptions import BenchmarkError, SettingsClashError
+from results.planning import plan_runs
+from results.plot_adaptation import adaptation_curves, error_quartiles, read_reference
+from results.protocols import LeaveOneOut, OneContext
+from results.records import Record, curves_frame, write_record
+from results.reports import report_for
+from results.specification import Algorithm, RunSpecification
+from results.suites import SUITES, Recipe, make_suite
+from results.text_table import markdown_page
+
+TASK = "nmp/Push-v0"
+
+
+def record(
+    label: str, target: int, seed: int, errors: dict[int, float], budget: int = 200, **more: Any
+) -> Record:
+    """A run whose greedy trajectory succeeds below an error of 0.1."""
+    solved = [error < 0.1 for error in errors.values()]
+    specification = {"task": TASK, "label": label, "seed": seed, "budget": budget}
+    specification |= {"target": target, "extrapolation": target in (2, 9)}
+    specification["protocol"] = {"name": "leave-one-out"}
+    return {
+        "outcome": "finished",
+        "specification": specification,
+        "provenance": {"commit": "c0ffee", "dirty": False},
+        "seconds": {"training": 2.0 + seed},
+        "curve": {
+            "rollouts": list(errors),
+            "best_reward": [None if count == 0 else -error for count, error in errors.items()],
+            "best_success": solved,
+            "any_success": solved,
+            "greedy_reward": [-error for error in errors.values()],
+            "greedy_success": solved,
+        },
+    } | more
+
+
+def failed(label: str, target: int, seed: int) -> Record:
+    error = {"type": "RuntimeError", "message": "singular", "traceback": "..."}
+    return record(label, target, seed, {0: 1.0}) | {"outcome": "failed", "error": error}
+
+
+RECORDS = [
+    record("A", 9, 0, {0: 4.0, 30: 1.0, 60: 0.05, 200: 0.05}),
+    record("A", 9, 1, {0: 4.0, 50: 2.0, 150: 0.03, 200: 0.03}),
+    record("A", 2, 0, {0: 2.0, 200: 1.5}),
+    record("A", 3, 0, {0: 0.05, 200: 0.04}),
+    record("A", 4, 0, {0: 0.3, 10: 0.02, 200: 0.02}),
+    record("B", 9, 0, {5: 3.0, 600: 0.06, 1200: 0.06}, budget=1200),
+    failed("B", 9, 1),
+    failed("C", 9, 0),
+]
+
+
+def summary_of(kind: str, label: str) -> dict[Any, Any]:
+    summary = summarise_adaptation(adaptation_frame(RECORDS), ["A", "B", "C"])
+    return summary.set_index(["kind", "label"]).loc[(kind, label)].to_dict()
+
+
+def test_a_run_that_needs_no_rollout_counts_zero():
+    runs = adaptation_frame(RECORDS).set_index(["label", "target", "seed"])
+    assert runs.loc[("A", 3, 0), "greedy_rollouts"] == 0
+    assert runs.loc[("A", 4, 0), "greedy_rollouts"] == 10
+    assert math.isinf(float(runs.loc[("A", 2, 0), "greedy_rollouts"]))  # type: ignore[arg-type]
+
+
+def test_an_error_holds_until_the_next_row():
+    curve = {"rollouts": [5, 30, 200], "greedy_reward": [-3.0, -2.0, -1.0]}
+    errors = [error_after(curve, count, 200) for count in (5, 29, 30, 199, 200)]
+    assert errors == [3.0, 3.0, 2.0, 2.0, 1.0]
+    assert math.isnan(error_after(curve, 0, 200))
+    assert math.isnan(error_after(curve, 201, 200))
+
+
+def test_summary_equals_hand_computation():
+    a = summary_of("extrapolation", "A")
+    assert (a["runs"], a["failed"], a["solved"], a["solved_within_published"]) == (3, 0, 2, 1)
+    assert (a["greedy_rollouts_median"], a["greedy_rollouts_q25"]) == (150.0, 105.0)
+    assert math.isinf(a["rollouts_worst"])
+    assert (a["error_0_median"], a["error_40_median"], a["error_80_median"]) == (4.0, 2.0, 2.0)
+    assert a["error_200_median"] == 0.05
+    inner = summary_of("interpolation", "A")
+    assert (inner["runs"], inner["greedy_rollouts_median"], inner["rollouts_worst"]) == (2, 5.0, 10)
+
+
+def test_what_was_not_run_or_failed_has_a_reason():
+    assert summary_of("extrapolation", "C")["reason"] == "failed"
+    assert summary_of("interpolation", "B")["reason"] == "not run"
+    b = summary_of("extrapolation", "B")
+    assert (b["runs"], b["failed"], b["budget"]) == (1, 1, 1200)
+    assert math.isnan(b["error_0_median"]) and b["error_40_median"] == 3.0
+
+
+def test_table_keeps_kinds_apart_and_names_failures():
+    runs = adaptation_frame(RECORDS)
+    text = markdown_page(*adaptation_tables(runs, ["A", "B", "C"]))
+    outer, inner = text.split("## ")[1:]
+    assert outer.startswith(f"{TASK}, extrapolation: held-out targets 2, 9")
+    assert "| A | 3 | 150 (105–>200) | 2/3 | 1/3 | 4 (3–4) |" in outer
+    assert "| B | 1 1 failed |" in outer and "not run" in inner
+    assert "B on nmp/Push-v0, target 9: RuntimeError: singular (seeds 1)" in text
+    assert "Budgets differ: A 200, B 1200, C 200 rollouts." in text
+    assert "error [m²] at 40" in text and "…" not in text
+
+
+def test_tables_fit_the_terminal():
+    tables, _ = adaptation_tables(adaptation_frame(RECORDS), ["A", "B", "C"])
+    for width in (60, 80, 120):
+        for part in tables[0].parts(width):
+            assert part.header[0] == "algorithm" and len(part.rows) == 3
+            assert sum(part._width(i) for i in range(len(part.header))) <= width
+    parts = tables[0].parts(60)
+    assert sum(len(part.header) - 1 for part in parts) == len(tables[0].header) - 1
+
+
+# -- plots -------------------------------------------------------------------------------------
+
+
+def test_quartiles_take_each_run_where_it_was_left():
+    curves = curves_frame(RECORDS)
+    outer = curves.loc[(curves["label"] == "A") & curves["extrapolation"]]
+    medians = error_quartiles(outer)[0.5]
+    assert medians.loc[[0, 30, 50, 60, 150, 200]].tolist() == [4.0, 2.0, 2.0, 2.0, 0.05, 0.05]
+
+
+def test_figure_has_a_panel_a_kind_and_an_entry_an_algorithm(tmp_path: Path):
+    errors = np.abs(np.random.default_rng(0).normal(size=(4, 20)))
+    np.save(tmp_path / "curve_extrapolation.npy", -errors)
+    references = dict([read_reference(tmp_path / "curve_extrapolation.npy")])
+    assert np.array_equal(references["extrapolation"], errors)
+    figure = adaptation_curves(curves_frame(RECORDS), ["A", "B", "C"], references)
+    assert [axes.get_yscale() for axes in figure.axes] == ["log", "log"]
+    assert [axes.get_title().split(":")[0] for axes in figure.axes] == [
+        "extrapolation", "interpolation",
+    ]  # fmt: skip
+    entries = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert entries == ["A", "B", "published curve"]
+    figure.savefig(tmp_path / "figure.png")
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"), [("curve.npy", (3, 5)), ("extrapolation.npy", (5,)), ("missing.npy", None)]
+)
+def test_a_reference_must_be_a_table_of_a_known_kind(
+    tmp_path: Path, name: str, shape: tuple[int, ...] | None
+):
+    if shape is not None:
+        np.save(tmp_path / name, np.zeros(shape))
+    with pytest.raises(BenchmarkError, match=name):
+        read_reference(tmp_path / name)
+
+
+def test_a_reference_is_refused_where_it_means_nothing():
+    one = record("A", 9, 0, {0: 1.0})
+    one["specification"]["protocol"]["name"] = "stream"
+    with pytest.raises(BenchmarkError, match="leave-one-out suites"):
+        report_for([one]).with_references([Path("x.npy")])
+
+
+# -- suites and planning -----------------------------------------------------------------------
+
+
+def run_of(label: str, target: int = 9, **more: Any) -> RunSpecification:
+    protocol = LeaveOneOut(target, target in (2, 9))
+    settings = {"budget": 200, "protocol": protocol} | more
+    return RunSpecification(label, Algorithm("a:B"), TASK, 0, **settings)
+
+
+def hold(folder: Path, run: RunSpecification) -> None:
+    write_record(
+        folder / f"{run.stem}.json", {"outcome": "finished", "specification": run.as_dict()}
+    )
+
+
+def test_a_folder_takes_all_targets_and_budgets_of_an_algorithms_own(tmp_path: Path):
+    hold(tmp_path, run_of("A"))
+    plan = plan_runs(
+        tmp_path, [run_of("A"), run_of("A", 3), run_of("B", budget=1200, own_budget=True)]
+    )
+    assert [run.stem for run in plan.kept] == [run_of("A").stem]
+    assert len(plan.todo) == 2
+
+
+@pytest.mark.parametrize(
+    ("other", "named"),
+    [
+        (run_of("B", budget=300), "budget = 200"),
+        (run_of("A", 3, budget=300, own_budget=True), "budget = 200"),
+        (run_of("B", protocol=OneContext()), "protocol.name = leave-one-out"),
+    ],
+)
+def test_other_budgets_and_protocols_clash(tmp_path: Path, other: RunSpecification, named: str):
+    hold(tmp_path, run_of("A"))
+    with pytest.raises(SettingsClashError, match=named):
+        plan_runs(tmp_path, [other])
+
+
+def test_an_algorithms_budget_goes_before_the_suites_but_not_before_the_users():
+    recipe = Recipe(
+        "x", {"A": Algorithm("a:A"), "B": Algorithm("a:B", budget=90)}, {TASK: {}}, 30, 2,
+        (LeaveOneOut(0, False), LeaveOneOut(9, True)),
+    )  # fmt: skip
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(SUITES, "x", recipe)
+        runs = make_suite("x").specifications
+        assert [(run.budget, run.own_budget) for run in runs[:2]] == [(30, False), (90, True)]
+        assert len({run.stem for run in runs}) == len(runs) == 8
+        assert [run.seed for run in runs] == [0] * 4 + [1] * 4
+        assert {run.budget for run in make_suite("x", budget=7).specifications} == {7}
+
+
+def test_the_suite_push_holds_out_every_target():
+    runs = [run for run in make_suite("push").specifications if run.label == "ACNMP"]
+    identities = [(run.protocol.identity["target"], run.seed) for run in runs]
+    assert sorted(identities) == [(target, seed) for target in range(10) for seed in range(5)]
+    outer = {
+        run.protocol.identity["target"] for run in runs if run.protocol.identity["extrapolation"]
+    }
+    assert outer == {2, 9}

@@ -1,0 +1,185 @@
+"""Numbers, tables and plots of runs on streams of contexts, and Table 5.1."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.image import imread
+
+from results import suites
+from results.cli import main
+from results.exceptions import BenchmarkError
+from results.plot_streams import by_seed_on_grid, stream_curves
+from results.protocols import LeaveOneOut, Stream
+from results.records import Record, curves_frame, read_records
+from results.specification import Algorithm
+from results.streams import mean_interval, stream_frame, stream_tables, summarise_stream
+from results.suites import Recipe
+from results.text_table import markdown_page
+from results.thesis_table import table_5_1
+from tests.results_fakes import TARGET_TASK, target_task
+
+TASK = "nmp/Aperture-v0"
+ADAPTIVE = Algorithm("tests.results_fakes:Adaptive")
+
+
+def record(label: str, seed: int, rates: dict[int, float], in_contexts: list[int]) -> Record:
+    specification = {"task": TASK, "label": label, "seed": seed, "budget": 1000}
+    return {
+        "outcome": "finished",
+        "specification": specification | {"protocol": {"name": "stream"}},
+        "provenance": {"commit": "c0ffee", "dirty": False},
+        "seconds": {"training": 10.0 + seed},
+        "curve": {
+            "rollouts": list(rates),
+            "contexts": [min(count // 2, len(in_contexts)) for count in rates],
+            "failure_rate": list(rates.values()),
+            "mean_reward": [-rate for rate in rates.values()],
+        },
+        "contexts": {"rollouts": in_contexts, "exhausted": True},
+    }
+
+
+RECORDS = [
+    record("A", 0, {0: 0.5, 100: 0.1, 200: 0.05, 300: 0.09}, [1, 1, 7]),
+    record("A", 1, {0: 0.3, 100: 0.02, 300: 0.01}, [1, 30, 2]),
+    record("B", 0, {40: 0.4, 1000: 0.2}, [9, 9]),
+]
+
+
+def test_summary_equals_hand_computation():
+    summary = summarise_stream(stream_frame(RECORDS), ["A", "B", "C"]).set_index("label")
+    a = summary.loc["A"]
+    assert a["first_failure_rate_mean"] == pytest.approx(0.4)
+    assert a["failure_rate_mean"] == pytest.approx(0.05)
+    assert (a["failure_rate_low"], a["failure_rate_high"]) == pytest.approx((0.01, 0.09))
+    assert (a["rollouts"], a["contexts"], a["retried"], a["most_rollouts"]) == (300, 3, 1.5, 30)
+    assert a["rollouts_to_0.0906_median"] == 150  # 200 for good, and 100
+    assert math.isinf(a["rollouts_to_0.02_median"]) and a["rollouts_to_0.02_q25"] == math.inf
+    assert math.isnan(summary.loc["B", "failure_rate_low"])  # type: ignore[arg-type]
+    assert summary.loc["C", "reason"] == "not run"
+
+
+def test_a_rate_counts_from_where_it_stays():
+    runs = stream_frame(RECORDS)
+    assert runs["rollouts_to_0.0906"].tolist() == [200.0, 100.0, math.inf]
+    assert runs["rollouts_to_0.02"].tolist() == [math.inf, 100.0, math.inf]
+
+
+def test_mean_interval_works_along_a_curve():
+    rows = np.random.default_rng(0).normal(size=(8, 5)) + np.arange(5)
+    low, high = mean_interval(rows)
+    assert low.shape == high.shape == (5,)
+    assert (low < rows.mean(axis=0)).all() and (rows.mean(axis=0) < high).all()
+    alone = mean_interval(rows[:, 2])
+    assert np.allclose(alone, (low[2], high[2]))
+    assert np.isnan(mean_interval(rows[:1])).all()
+
+
+def test_table_tells_rates_prices_and_intervals():
+    runs = stream_frame(RECORDS)
+    text = markdown_page(*stream_tables(runs, ["A", "B", "C"]))
+    assert "| A | 2 | 40.0 % [30.0,50.0] | 5.0 % [1.0,9.0] | 150 (125–175) | >300 (>300) |" in text
+    assert "40.0 % one seed" in text and "| C | 0 | not run |" in text
+
+
+def test_rates_are_linear_between_evaluations_and_held_at_the_ends():
+    curves = curves_frame(RECORDS)
+    grid, rates = by_seed_on_grid(curves.loc[curves["label"] == "A"], "rollouts")
+    assert grid.tolist() == [0, 100, 200, 300]
+    assert rates[1] == pytest.approx([0.3, 0.02, 0.015, 0.01])
+    grid, rates = by_seed_on_grid(curves.loc[curves["label"] == "A"], "contexts")
+    assert grid.tolist() == [0, 3] and rates[0] == pytest.approx([0.5, 0.09])
+
+
+def test_figure_shows_contexts_and_rollouts():
+    figure = stream_curves(curves_frame(RECORDS), ["A", "B", "C"])
+    assert "seen" in figure.axes[0].get_xlabel() and "rollouts" in figure.axes[1].get_xlabel()
+    entries = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert entries == ["A (2 seeds)", "B (1 seed)"]
+
+
+# -- from the command line ---------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Runs of small suites that bear the names of the thesis's."""
+    absent = Algorithm("tests.results_fakes:NoSuchClass")
+    algorithms = {"ACNMP": ADAPTIVE, "ProMP+RL (Stark)": absent, "ProMP+RL (Ewerton)": ADAPTIVE}
+    held_out = tuple(LeaveOneOut(target, target in (2, 9)) for target in (4, 9))
+    tasks: dict[str, Any] = {TARGET_TASK: {}}
+    stream = (Stream(4, 8, 20),)
+    out = tmp_path_factory.mktemp("runs")
+    with target_task(), pytest.MonkeyPatch.context() as patch:
+        patch.setitem(suites.SUITES, "push", Recipe("x", algorithms, tasks, 45, 2, held_out))
+        patch.setitem(suites.SUITES, "aperture", Recipe("y", algorithms, tasks, 60, 2, stream))
+        for name in ("push", "aperture"):
+            arguments = ["run", "--suite", name, "--out", str(out / name), "--workers", "1"]
+            assert main(arguments) == 0
+        yield out
+
+
+def test_runs_are_resumed_and_told_about(folder: Path, capsys: pytest.CaptureFixture[str]):
+    arguments = ["run", "--suite", "push", "--algorithms", "acnmp", "--out", str(folder / "push")]
+    assert main(arguments) == 0
+    assert "4 of 4 runs are finished" in capsys.readouterr().out
+    names = [path.name for path in (folder / "push").glob("acnmp_*.json")]
+    assert "acnmp_fake-targets-v0_target-09_seed-001.json" in names and len(names) == 4
+
+
+@pytest.mark.parametrize("suite", ["push", "aperture"])
+def test_tables_and_plots_fit_the_protocol(
+    folder: Path, suite: str, capsys: pytest.CaptureFixture[str]
+):
+    assert main(["table", "--runs", str(folder / suite), "--suite", suite]) == 0
+    printed = capsys.readouterr().out
+    assert {"push": "extrapolation", "aperture": "fail at the end"}[suite] in printed
+    assert "NoSuchClass" in printed and "…" not in printed
+    numbers = pd.read_csv(folder / suite / "table.csv")
+    assert set(numbers["label"]) == {"ACNMP", "ProMP+RL (Stark)", "ProMP+RL (Ewerton)"}
+    assert (folder / suite / "table.md").read_text().startswith("## fake/Targets-v0")
+    assert main(["plot", "--runs", str(folder / suite), "--suite", suite]) == 0
+    picture = imread(folder / suite / "curves_fake-targets-v0.png")
+    assert picture.shape[0] > 400 and len(np.unique(picture[..., 0])) > 10
+
+
+def test_table_5_1_stands_beside_the_thesis(folder: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["table", "table-5.1", "--runs", str(folder)]) == 0
+    printed = capsys.readouterr().out
+    text = (folder / "table-5.1.md").read_text()
+    for number in ("130", "1200 [Stark et al.]", "1.4K", "20K [Ewerton et al.]", "0.7M"):
+        assert number in text
+    (row,) = (line for line in text.splitlines() if line.startswith("| aperture: rollouts in a s"))
+    assert row.endswith("| 5 | 5 |")
+    (row,) = (line for line in text.splitlines() if line.startswith("| pushing"))
+    assert "(worst " in row and row.endswith("| failed |")
+    assert f"- pushing: nmp-bench run --suite push --out {folder / 'push'}\n" in text
+    assert "Written" in printed and "…" not in printed
+
+
+def test_table_5_1_tells_what_to_run(folder: Path, tmp_path: Path):
+    with pytest.raises(BenchmarkError, match=r"run --suite push --out .* and .* --suite aperture"):
+        table_5_1(tmp_path)
+    (tmp_path / "aperture").symlink_to(folder / "aperture")
+    text = markdown_page(*table_5_1(tmp_path))
+    assert "| not run | not run |" in text
+    assert f"- pushing: nmp-bench run --suite push --out {tmp_path / 'push'}\n" in text
+    (tmp_path / "push").symlink_to(folder / "aperture")
+    with pytest.raises(BenchmarkError, match="runs of the protocol stream"):
+        table_5_1(tmp_path)
+
+
+def test_a_stream_has_no_rollout_to_draw(folder: Path, capsys: pytest.CaptureFixture[str]):
+    run = next((folder / "aperture").glob("acnmp_*.json"))
+    assert main(["render", TARGET_TASK, "--run", str(run), "--out", "x.gif"]) == 2
+    assert "holds no rollout" in capsys.readouterr().err
+
+
+def test_the_records_are_small(folder: Path):
+    assert len(read_records(folder / "aperture")) == 6
+    assert all(path.stat().st_size < 20_000 for path in folder.rglob("*.json"))
