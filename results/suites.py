@@ -9,6 +9,8 @@ from benchmark_envs.tasks.push import EXTRAPOLATION_TARGETS, TARGETS
 from results.exceptions import BenchmarkError
 from results.protocols import LeaveOneOut, OneContext, Protocol, Stream
 from results.specification import Algorithm, RunSpecification, Suite
+from sb3_nmp.acnmp import Exploration
+from sb3_nmp.common.cnmp import CNMPSettings
 from sb3_nmp.common.noise import SmoothNoise
 
 # Hyper-parameters are chosen on seeds of 1000 and above, which no reported run uses.
@@ -57,24 +59,56 @@ PUSH_ALGORITHMS: dict[str, Algorithm] = {
     "ACNMP": _ACNMP,
     "CMA-ES residual": Algorithm(
         "baselines:CMAES",
-        {"residual": SmoothNoise(n_bases=5)},
+        {"n_bases": 5},
         description="CMA-ES over smooth changes of the CNMP's answer",
     ),
     "CMA-ES context": Algorithm(
         "baselines:CMAES",
-        {"residual": SmoothNoise(n_bases=4), "context_std": 0.3},
+        {"n_bases": 4, "context_std": 0.3},
         description="the same, and over the context that the CNMP is asked for",
     ),
     "ProMP+RL (Stark)": Algorithm(
         "baselines:StarkProMPRL",
         description="a ProMP a target, whose experience starts REPS on the next one",
-        budget=1200,
+        budget=400,
     ),
-    "ProMP+RL (Ewerton)": replace(_EWERTON, budget=1200),
-    "REPS": replace(ALGORITHMS["REPS"], budget=1200),
-    "RC-NMP": replace(ALGORITHMS["RC-NMP"], shown_as="initial_trajectories", pretrained=False),
+    "ProMP+RL (Ewerton)": replace(_EWERTON, budget=400),
+    "REPS": replace(ALGORITHMS["REPS"], budget=400),
+    # The PD controller would pull every trajectory to the demonstrations' mean end.
+    "RC-NMP": replace(
+        ALGORITHMS["RC-NMP"],
+        settings={"pd_controller": None},
+        shown_as="initial_trajectories",
+        pretrained=False,
+    ),
 }
-PUSH_ABLATIONS: dict[str, Algorithm] = {}
+
+
+def _acnmp(**settings: object) -> Algorithm:
+    return replace(_ACNMP, settings=settings)
+
+
+# ACNMP without one of its elements, or with the thesis's or the original code's choice instead.
+# The last three sample around the policy's mean, as the thesis does.
+PUSH_ABLATIONS: dict[str, Algorithm] = {
+    "ACNMP": _ACNMP,
+    "no latents": _acnmp(exploration=Exploration(latent=0.0)),
+    "latents only": _acnmp(exploration=Exploration(noise=0.0, n_latents=6)),
+    "contexts too": _acnmp(exploration=Exploration(context=0.5)),
+    "noise not shaped": _acnmp(exploration=Exploration(shaped=False)),
+    "thesis's decoder": _acnmp(
+        policy_kwargs={"cnmp": CNMPSettings(context_in_decoder=True, linear_trend=False)}
+    ),
+    "policy gradient, to go": _acnmp(use_critic=False, advantage="to_go"),
+    "policy gradient, steps": _acnmp(use_critic=False, advantage="step"),
+    "policy gradient, pairs": _acnmp(use_critic=False, advantage="step", population_size=2),
+    "RL only": _acnmp(
+        use_critic=False,
+        advantage="to_go",
+        supervised=False,
+        exploration=Exploration(latent=0.0, shaped=False),
+    ),
+}
 
 # Self-improvement over a stream of contexts (thesis 5.2.2, the second experiment).
 APERTURE_ALGORITHMS: dict[str, Algorithm] = {"ACNMP": _ACNMP, "ProMP+RL (Ewerton)": _EWERTON}

@@ -112,7 +112,8 @@ def test_an_interrupted_and_resumed_run_equals_an_uninterrupted_one(
     np.random.default_rng().random()
     th.manual_seed(12345)  # the global generators must not matter
 
-    loaded = algorithm.load(tmp_path / "model.zip", env=gym.make(ENV_ID))
+    shown = {k: v for k, v in ALGORITHMS[algorithm].items() if k == "demonstrations"}
+    loaded = algorithm.load(tmp_path / "model.zip", env=gym.make(ENV_ID), **shown)
     if hasattr(loaded, "load_replay_buffer"):
         loaded.load_replay_buffer(tmp_path / "buffer.npz")  # pyright: ignore
     resumed = run(loaded, 4 * POPULATION - cut, reset_num_timesteps=False)

@@ -157,10 +157,9 @@ class ACNMP(AdaptiveAlgorithm):
 
     def _setup_learn(self, *args: Any, **kwargs: Any) -> tuple[int, Any]:  # noqa: ANN401
         if not self.is_pretrained:
-            self.pretrain()
-        if self.exploration.noise is not None and self.exploration.noise.sigma is None:
-            noise = replace(self.exploration.noise, sigma=self.exploration_scale())
-            self.exploration = replace(self.exploration, noise=noise)
+            self.pretrain()  # first, so that callbacks find a policy that can answer
+        if self.exploration.sigma is None:
+            self.exploration = replace(self.exploration, sigma=self.exploration_scale())
         return super()._setup_learn(*args, **kwargs)
 
     def predict(

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.stats import norm, rankdata
 
+from sb3_nmp.common.algorithm import Generation
+
 FloatArray = NDArray[np.float64]
 
 #: length scales that the critic chooses from, in units of the typical distance of two draws from
@@ -103,3 +105,67 @@ class Critic:
 
     def _values(self) -> FloatArray:
         return self.mean + self.factor @ (self.factor.T @ self.weights)
+
+
+@dataclass(frozen=True)
+class RewardCritic:
+    """What a search expects of a reward: one Gaussian process, or one for each of its terms.
+
+    A reward that is the sum of several costs (errors at the start, at the goal, in between) is
+    predicted term by term, as each rollout tells about all of them: their squares, which are
+    smooth where a cost is a distance. Any other reward is predicted by its normal scores.
+
+    :param critics: of the terms, or a single one of the whole reward
+    :param is_sum: whether they are of squared terms
+    """
+
+    critics: tuple[Critic, ...]
+    is_sum: bool
+
+    @classmethod
+    def fit(cls, points: FloatArray, rollouts: Generation) -> "RewardCritic":
+        """Fit the Gaussian processes.
+
+        :param points: shape (N, n)
+        :param rollouts: N of them
+        """
+        costs = varying_costs(rollouts)
+        if len(costs) < 2:
+            return cls((Critic.fit(points, normal_scores(rollouts.rewards)),), False)
+        return cls(tuple(Critic.fit(points, -(cost**2)) for cost in costs), True)
+
+    def optimistic(self, points: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """Return a random upper bound of each point's reward, shape (M,).
+
+        It is the mean plus a half-normal deviation, for each of the terms.
+
+        :param points: shape (M, n)
+        :param rng: the generator to draw from
+        """
+        bounds = []
+        for critic in self.critics:
+            mean, std = critic.predict(points)
+            bounds.append(mean + std * np.abs(rng.standard_normal(len(points))))
+        if not self.is_sum:
+            return bounds[0]
+        return -np.sum(np.sqrt(np.maximum(-np.array(bounds), 0.0)), axis=0)
+
+    def believing(self, points: FloatArray) -> "RewardCritic":
+        """Return the critic that has seen its own predictions come true; see `Critic`.
+
+        :param points: shape (M, n)
+        """
+        return RewardCritic(tuple(critic.believing(points) for critic in self.critics), self.is_sum)
+
+
+def varying_costs(rollouts: Generation) -> list[FloatArray]:
+    """Return the costs whose sum is minus the reward and that are not constant, each of shape (N,).
+
+    :param rollouts: N of them
+    :return: empty if the reward is no sum of costs >= 0
+    """
+    costs = [-term for term in rollouts.terms.values()]
+    known = np.sum(costs, axis=0) if costs else np.zeros(len(rollouts))
+    if any((cost < 0).any() for cost in costs) or not np.allclose(known, -rollouts.rewards):
+        return []
+    return [cost for cost in costs if np.ptp(cost) > 0]

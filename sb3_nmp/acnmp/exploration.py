@@ -19,37 +19,50 @@ from sb3_nmp.common.noise import SmoothNoise
 
 FloatArray = NDArray[np.float64]
 
+#: shaped noise is never less than this times its root mean square over time: the learned
+#: trajectories may be wrong where the demonstrations agree, too
+FLOOR = 0.5
+
 
 @dataclass(frozen=True)
 class Exploration:
-    """Scales of exploration; each part is switched off by a 0.
+    """What is explored and how far, in units of ``sigma``; each part is switched off by a 0.
 
-    :param latent_std: along the principal axes of the demonstrations' representations, in their
-        standard deviations
+    :param sigma: in the trajectory's unit, one value or one a dimension; None takes the
+        environment's ``exploration_scale``
+    :param latent: along the principal axes of the demonstrations' representations: the root mean
+        square over time along the first axis, the others in proportion to the demonstrations'
+        spread along them
     :param n_latents: how many of these axes
-    :param context_std: along the task parameters at which the CNMP is queried, in the
-        demonstrations' standard deviations
-    :param noise: smooth noise in the trajectory's unit; its sigma None takes the environment's
-        ``exploration_scale``
-    :param shaped: scale the noise over time as the demonstrations spread, so that nothing is
+    :param context: along the task parameters at which the CNMP is queried: the root mean square
+        over time
+    :param noise: of smooth noise: the root mean square over time
+    :param n_bases: of the noise, a dimension
+    :param shaped: scale the noise over time as the demonstrations spread, so that less is
         explored where all of them agree, such as a common start
     :raises ConfigurationError: a value below 0, or nothing to explore
     """
 
-    latent_std: float = 0.3
+    sigma: float | tuple[float, ...] | None = None
+    latent: float = 0.5
     n_latents: int = 3
-    context_std: float = 0.0
-    noise: SmoothNoise | None = SmoothNoise(n_bases=4)  # noqa: RUF009 (frozen)
+    context: float = 0.0
+    noise: float = 1.0
+    n_bases: int = 4
     shaped: bool = True
 
     def __post_init__(self) -> None:
         """Check the values."""
-        for name in ("latent_std", "n_latents", "context_std"):
+        for name in ("latent", "n_latents", "context", "noise"):
             if not getattr(self, name) >= 0:
                 raise ConfigurationError(f"{name} is {getattr(self, name)}; it must be >= 0.")
-        if self.noise is None and not (self.latent_std and self.n_latents) and not self.context_std:
+        if self.n_bases < 2:
+            raise ConfigurationError(f"n_bases is {self.n_bases}; at least 2 are needed.")
+        if self.sigma is not None and not np.all(np.asarray(self.sigma) > 0):
+            raise ConfigurationError(f"sigma is {self.sigma}; it must be > 0.")
+        if not (self.noise or self.context or (self.latent and self.n_latents)):
             raise ConfigurationError(
-                "nothing is explored: give a noise, latent_std and n_latents, or context_std."
+                "nothing is explored: one of latent, context, noise must be > 0."
             )
 
 
@@ -59,25 +72,24 @@ def directions(
 ) -> FloatArray:
     """Return the directions in trajectory space, each of one standard deviation, shape (n, T, D).
 
-    :param settings: the scales; its noise has a sigma
+    :param settings: the scales, with a sigma
     :param cnmp: trained on the demonstrations
     :param demonstrations: their spread shapes the noise, their representations span the latents
     :param context: shape (C,)
     """
     condition = cnmp.condition(cnmp.times.new_tensor(context)[None])
+    sigma = np.broadcast_to(np.asarray(settings.sigma, np.float64), demonstrations.trajectory_shape)
     found: list[FloatArray] = []
-    if settings.latent_std and settings.n_latents:
-        centre = cnmp.representation(condition)
-        axes = settings.latent_std * latent_axes(cnmp, demonstrations, settings.n_latents)
-        same = condition.expand(len(axes), -1)
-        found.append(_half(cnmp.mean(same, centre + axes) - cnmp.mean(same, centre - axes)))
-    if settings.context_std:
-        shift = settings.context_std * th.eye(condition.shape[1], device=condition.device)
-        ahead, back = condition + shift, condition - shift
-        moved = cnmp.mean(ahead, cnmp.representation(ahead))
-        found.append(_half(moved - cnmp.mean(back, cnmp.representation(back))))
-    if settings.noise is not None:
-        found.append(noise_directions(settings.noise, settings.shaped, demonstrations))
+    if settings.latent and settings.n_latents:
+        axes = latent_axes(cnmp, demonstrations, settings.n_latents)
+        along = effects_of_latents(cnmp, condition, SMALL * axes)
+        found.append(settings.latent * along / max(deviation(along[:1], sigma)[0], 1e-12))
+    if settings.context:
+        along = effects_of_contexts(cnmp, condition)
+        found.append(settings.context * along / deviation(along, sigma)[:, None, None])
+    if settings.noise:
+        shape = spread_over_time(demonstrations) if settings.shaped else np.ones_like(sigma)
+        found.append(noise_directions(settings.noise * sigma * shape, settings.n_bases))
     return np.concatenate(found)
 
 
@@ -92,30 +104,67 @@ def latent_axes(cnmp: CNMP, demonstrations: Demonstrations, n_axes: int) -> th.T
     """
     codes = cnmp.encode_whole(demonstrations)
     _, lengths, axes = th.linalg.svd(codes - codes.mean(dim=0), full_matrices=False)
-    n = min(n_axes, len(codes) - 1)
+    n = min(n_axes, max(len(codes) - 1, 1))
     return axes[:n] * (lengths[:n, None] / len(codes) ** 0.5)
 
 
-def noise_directions(
-    noise: SmoothNoise, shaped: bool, demonstrations: Demonstrations
-) -> FloatArray:
+#: of a standard deviation: over this step the decoder's answer is taken to be linear
+SMALL = 0.3
+
+
+def effects_of_latents(cnmp: CNMP, condition: th.Tensor, steps: th.Tensor) -> FloatArray:
+    """Return how trajectories change with steps in the latent space, shape (n, T, D).
+
+    :param cnmp: the network
+    :param condition: of the context, shape (1, C)
+    :param steps: shape (n, Z)
+    """
+    centre, same = cnmp.representation(condition), condition.expand(len(steps), -1)
+    change = cnmp.mean(same, centre + steps) - cnmp.mean(same, centre - steps)
+    return (change / 2).cpu().numpy().astype(np.float64)
+
+
+def effects_of_contexts(cnmp: CNMP, condition: th.Tensor) -> FloatArray:
+    """Return how trajectories change with the context that is asked for, shape (C, T, D).
+
+    :param cnmp: the network
+    :param condition: of the context, shape (1, C)
+    """
+    step = SMALL * th.eye(condition.shape[1], device=condition.device)
+    ahead, back = condition + step, condition - step
+    change = cnmp.mean(ahead, cnmp.representation(ahead)) - cnmp.mean(
+        back, cnmp.representation(back)
+    )
+    return (change / 2).cpu().numpy().astype(np.float64)
+
+
+def deviation(trajectories: FloatArray, sigma: FloatArray) -> FloatArray:
+    """Return the root mean square over time and dimensions, in units of sigma, shape (n,).
+
+    :param trajectories: deviations, shape (n, T, D)
+    :param sigma: shape (T, D)
+    """
+    return np.maximum(np.sqrt(np.mean((trajectories / sigma) ** 2, axis=(1, 2))), 1e-12)
+
+
+def spread_over_time(demonstrations: Demonstrations) -> FloatArray:
+    """Return how the demonstrations' spread varies over time, about 1 in each dimension; (T, D).
+
+    :param demonstrations: of one demonstration, or where all agree, it is 1
+    """
+    spread = demonstrations.trajectories.std(axis=0)
+    typical = np.sqrt((spread**2).mean(axis=0))
+    shape = np.sqrt(FLOOR**2 + (spread / np.maximum(typical, 1e-9)) ** 2) / np.hypot(FLOOR, 1.0)
+    return np.where(typical > 1e-9, shape, 1.0)
+
+
+def noise_directions(scale: FloatArray, n_bases: int) -> FloatArray:
     """Return one direction for each basis and dimension, shape (n_bases * D, T, D).
 
-    :param noise: its bases, and its sigma by dimension
-    :param shaped: scale it over time as the demonstrations spread, at the same root mean square
-    :param demonstrations: shape (N, T, D)
+    :param scale: standard deviation at each time in each dimension, shape (T, D)
+    :param n_bases: of `SmoothNoise`
     """
-    n_time_points, n_dimensions = demonstrations.trajectory_shape
-    scale = np.ones((n_time_points, n_dimensions))
-    if shaped and len(demonstrations) > 1:
-        spread = demonstrations.trajectories.std(axis=0)
-        typical = np.sqrt((spread**2).mean(axis=0))
-        scale = np.where(typical > 1e-9, spread / np.maximum(typical, 1e-9), 1.0)
-    scale = scale * np.asarray(noise.sigma)
-    bases = noise.bases(n_time_points)
+    n_time_points, n_dimensions = scale.shape
+    bases = SmoothNoise(n_bases=n_bases).bases(n_time_points)
     each = np.einsum("tk,td,de->kdte", bases, scale, np.eye(n_dimensions))
     return each.reshape(-1, n_time_points, n_dimensions)
-
-
-def _half(difference: th.Tensor) -> FloatArray:
-    return (difference / 2).cpu().numpy().astype(np.float64)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_nmp.acnmp.critic import Critic, normal_scores
+from sb3_nmp.acnmp.critic import RewardCritic
 from sb3_nmp.common.algorithm import Generation
 
 FloatArray = NDArray[np.float64]
@@ -69,19 +69,18 @@ class LatentSearch:
         return self.mean + np.tensordot(points, self.directions, axes=1)
 
     def _ask_critic(self, n: int, rng: np.random.Generator) -> FloatArray:
-        values = normal_scores(self.rewards)
-        centre = self.coordinates[values.argmax()]
-        critic = Critic.fit(self.coordinates, values)
+        centre = self.coordinates[self.rewards.argmax()]
+        critic = RewardCritic.fit(self.coordinates, Generation.concatenate(self.rollouts))
         points: list[FloatArray] = []
         for _ in range(n):
             scales = self.radius * rng.choice(CANDIDATE_SCALES, (N_CANDIDATES, 1))
             drawn = centre + scales * rng.standard_normal((N_CANDIDATES, len(centre)))
             for _ in range(2):
-                best = drawn[np.argsort(-optimistic(critic, drawn, rng))[:N_REFINED]]
+                best = drawn[np.argsort(-critic.optimistic(drawn, rng))[:N_REFINED]]
                 around = np.repeat(best, REFINEMENTS, axis=0)
                 step = REFINEMENT_SCALE * self.radius * rng.standard_normal(around.shape)
                 drawn = np.concatenate([best, around + step])
-            points.append(drawn[optimistic(critic, drawn, rng).argmax()])
+            points.append(drawn[critic.optimistic(drawn, rng).argmax()])
             critic = critic.believing(points[-1][None])
         return np.stack(points)
 
@@ -97,14 +96,3 @@ class LatentSearch:
         if self.use_critic and len(before) > 1:
             better = rollouts.rewards.max() > before.max()
             self.radius = float(np.clip(self.radius * (1.25 if better else 0.75), *self.limits))
-
-
-def optimistic(critic: Critic, points: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return a random upper bound of each point's value: the mean plus a half-normal deviation.
-
-    :param critic: of the search
-    :param points: shape (M, n)
-    :param rng: the generator to draw from
-    """
-    mean, std = critic.predict(points)
-    return mean + std * np.abs(rng.standard_normal(len(points)))

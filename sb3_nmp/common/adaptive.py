@@ -322,8 +322,11 @@ class AdaptiveAlgorithm(TrajectoryAlgorithm):
         threshold = -np.inf if self.reward_threshold is None else self.reward_threshold
         return rollouts.successes & (rollouts.rewards >= threshold)
 
-    def _begin_generation(self) -> None:
+    def _setup_learn(self, *args: Any, **kwargs: Any) -> tuple[int, Any]:  # noqa: ANN401
         self.check_can_go_on()
+        return super()._setup_learn(*args, **kwargs)
+
+    def _begin_generation(self) -> None:
         if not self.cases:
             drawn = self._draw_contexts()
             contexts = drawn[: self.n_contexts]

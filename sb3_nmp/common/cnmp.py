@@ -25,6 +25,7 @@ class CNMPSettings:
     :param context_arch: hidden layers from the context to the representation
     :param decoder_arch: hidden layers of the decoder
     :param context_in_decoder: give the context to the decoder too, as the thesis does
+    :param linear_trend: whether the mean has a trend that is linear in the decoder's inputs
     :param n_frequencies: of the time features; 0 feeds time as it is, as the thesis does
     :param min_std: smallest standard deviation of the output, in units of the demonstrations'
         own; without it, Eq. 4.1 has no bound once the demonstrations are met exactly
@@ -36,7 +37,8 @@ class CNMPSettings:
     context_arch: tuple[int, ...] = (64,)
     decoder_arch: tuple[int, ...] = (128, 128)
     context_in_decoder: bool = False
-    n_frequencies: int = 4
+    linear_trend: bool = True
+    n_frequencies: int = 8
     min_std: float = 0.02
     activation: type[nn.Module] = nn.ReLU
 
@@ -110,6 +112,7 @@ class CNMP(nn.Module):
             settings.n_frequencies,
             settings.min_std,
             settings.context_in_decoder,
+            settings.linear_trend,
             settings.activation,
         )
         self.register_buffer("times", th.linspace(0.0, 1.0, n_time_points))

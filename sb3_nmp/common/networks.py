@@ -24,6 +24,26 @@ def mlp(sizes: list[int], activation: type[nn.Module]) -> nn.Sequential:
     return nn.Sequential(*layers[:-1])
 
 
+class LinearPlus(nn.Module):
+    """A linear map plus a multi-layer perceptron: few examples determine the linear part best.
+
+    :param sizes: of input, hidden layers and output
+    :param activation: between the layers
+    """
+
+    def __init__(self, sizes: list[int], activation: type[nn.Module]) -> None:
+        super().__init__()
+        self.linear = nn.Linear(sizes[0], sizes[-1])
+        self.correction = mlp(sizes, activation)
+
+    def forward(self, inputs: th.Tensor) -> th.Tensor:
+        """Return the sum, shape (*, outputs).
+
+        :param inputs: shape (*, inputs)
+        """
+        return self.linear(inputs) + self.correction(inputs)
+
+
 class TimeFeatures(nn.Module):
     """Time as a vector: t itself, and sines and cosines up to a highest frequency.
 
@@ -60,6 +80,8 @@ class TrajectoryDecoder(nn.Module):
     :param arch: hidden layers
     :param outputs: size of the output at each target time
     :param activation: between the layers
+    :param trend_dim: adds to so many of the outputs, the first ones, a trend that is linear in the
+        inputs and in the time features. It is what few examples determine best
     """
 
     def __init__(
@@ -69,6 +91,7 @@ class TrajectoryDecoder(nn.Module):
         arch: list[int],
         outputs: int,
         activation: type[nn.Module],
+        trend_dim: int = 0,
     ) -> None:
         super().__init__()
         self.features = TimeFeatures(n_frequencies)
@@ -76,6 +99,11 @@ class TrajectoryDecoder(nn.Module):
         self.from_latent = nn.Linear(inputs, arch[0], bias=False)
         self.activation = activation()
         self.layers = mlp([*arch, outputs], activation)
+        self.trend: nn.Linear | None = None
+        if trend_dim:
+            self.trend = nn.Linear(inputs, (self.features.n_features + 1) * trend_dim)
+            nn.init.zeros_(self.trend.weight)
+            nn.init.zeros_(self.trend.bias)
 
     def forward(self, times: th.Tensor, constant: th.Tensor) -> th.Tensor:
         """Return the outputs, shape (B, T, outputs).
@@ -83,8 +111,14 @@ class TrajectoryDecoder(nn.Module):
         :param times: target times, shape (T,) or (B, T)
         :param constant: latent and condition, shape (B, inputs)
         """
-        hidden = self.from_time(self.features(times)) + self.from_latent(constant)[:, None]
-        return self.layers(self.activation(hidden))
+        features = self.features(times)
+        hidden = self.from_time(features) + self.from_latent(constant)[:, None]
+        outputs = self.layers(self.activation(hidden))
+        if self.trend is None:
+            return outputs
+        bases = nn.functional.pad(features, (0, 1), value=1.0).expand(*outputs.shape[:2], -1)
+        trend = bases @ self.trend(constant).unflatten(1, (bases.shape[-1], -1))
+        return outputs + nn.functional.pad(trend, (0, outputs.shape[-1] - trend.shape[-1]))
 
 
 class NeuralProcess(nn.Module):
@@ -165,6 +199,7 @@ class ConditionalNeuralProcess(nn.Module):
     :param n_frequencies: of the time features
     :param min_std: smallest standard deviation that the decoder gives, in the values' unit
     :param condition_in_decoder: give the task parameters to the decoder too
+    :param linear_trend: whether the mean has a trend that is linear in the decoder's inputs
     :param activation: between the layers
     """
 
@@ -179,6 +214,7 @@ class ConditionalNeuralProcess(nn.Module):
         n_frequencies: int,
         min_std: float,
         condition_in_decoder: bool,
+        linear_trend: bool,
         activation: type[nn.Module],
     ) -> None:
         super().__init__()
@@ -187,13 +223,16 @@ class ConditionalNeuralProcess(nn.Module):
         self.features = TimeFeatures(n_frequencies)
         encoder_inputs = self.features.n_features + value_dim + condition_dim
         self.encoder = mlp([encoder_inputs, *encoder_arch, representation_dim], activation)
-        self.from_condition = mlp([condition_dim, *context_arch, representation_dim], activation)
+        self.from_condition = LinearPlus(
+            [condition_dim, *context_arch, representation_dim], activation
+        )
         self.decoder = TrajectoryDecoder(
             n_frequencies,
             representation_dim + (condition_dim if condition_in_decoder else 0),
             decoder_arch,
             2 * value_dim,
             activation,
+            value_dim if linear_trend else 0,
         )
 
     def encode(
