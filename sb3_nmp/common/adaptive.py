@@ -86,8 +86,9 @@ class Case:
     :param context: shape (C,)
     :param search: the search in it
     :param n_generations: searched so far
-    :param solution: the best satisfactory trajectory, shape (T, D); None before there is one
+    :param solution: the best successful trajectory, shape (T, D); None before there is one
     :param reward: of the solution
+    :param satisfied: whether a rollout was satisfactory
     """
 
     context: NDArray[np.float32]
@@ -95,15 +96,17 @@ class Case:
     n_generations: int = 0
     solution: NDArray[np.float32] | None = None
     reward: float = -np.inf
+    satisfied: bool = False
 
     def take(self, rollouts: Generation, satisfactory: NDArray[np.bool_]) -> None:
-        """Tell the search about rollouts, and keep the best satisfactory one.
+        """Tell the search about rollouts, and keep the best successful one.
 
         :param rollouts: made in this context
         :param satisfactory: which of them are, shape (N,)
         """
         self.search.tell(rollouts)
-        rewards = np.where(satisfactory, rollouts.rewards, -np.inf)
+        self.satisfied |= bool(satisfactory.any())
+        rewards = np.where(rollouts.successes, rollouts.rewards, -np.inf)
         best = int(rewards.argmax())
         if rewards[best] > self.reward:
             self.solution, self.reward = rollouts.trajectories[best], float(rewards[best])
@@ -128,8 +131,9 @@ class AdaptiveAlgorithm(TrajectoryAlgorithm):
 
     On an environment whose context is fixed, every generation searches in that context. On one
     that draws contexts, a generation tries the greedy trajectory in ``n_contexts`` new ones; those
-    in which it is not satisfactory are then searched side by side, ``population_size`` rollouts
-    each a generation, until a rollout is satisfactory or the search is given up.
+    in which it fails are then searched side by side, ``population_size`` rollouts each a
+    generation, until a rollout is satisfactory or the search has lasted ``max_generations``; the
+    best successful rollout is assimilated.
 
     The demonstrations are not saved with a model, only their digest: give them again to go on,
     ``load(path, env=env, demonstrations=demonstrations)``. What was assimilated is the
@@ -142,8 +146,9 @@ class AdaptiveAlgorithm(TrajectoryAlgorithm):
         number of environments
     :param n_contexts: new contexts that are tried at once; None: ``population_size``
     :param reward_threshold: a rollout is satisfactory if its info says ``is_success`` and its
-        reward is not below this; None asks for success alone
-    :param max_generations: after so many a search among drawn contexts is given up
+        reward is not below this; None asks for success alone. Solutions that barely succeed teach
+        a policy that often fails: a threshold leaves it a margin
+    :param max_generations: after so many a search among drawn contexts ends
     :param learning_rate: see `TrajectoryAlgorithm`, as for the rest
     :param policy_kwargs: further arguments of the policy
     :param stats_window_size: rollouts over which the log averages
@@ -369,17 +374,22 @@ class AdaptiveAlgorithm(TrajectoryAlgorithm):
         if plan.cases[0] < 0:
             self._open_cases(generation, satisfactory)
             return
-        searched, solved = self.cases, []
+        searched, improved = self.cases, []
         for index, case in enumerate(searched):
             rows, before = plan.cases == index, case.reward
             case.take(generation[rows], satisfactory[rows])
             case.n_generations += 1
             if case.reward > before:
-                solved.append(case)
+                improved.append(case)
+        solved = improved
         if not self._pinned:
-            still = [case for case in searched if case.solution is None]
-            self.cases = [case for case in still if case.n_generations < self.max_generations]
-            self.n_given_up += len(still) - len(self.cases)
+            closed = [
+                case.satisfied or case.n_generations >= self.max_generations for case in searched
+            ]
+            ended = [case for case, over in zip(searched, closed, strict=True) if over]
+            self.cases = [case for case, over in zip(searched, closed, strict=True) if not over]
+            solved = [case for case in ended if case.solution is not None]
+            self.n_given_up += len(ended) - len(solved)
         self._assimilate(solved)
         self._adapt(searched, solved)
         self.logger.record("train/open_contexts", len(self.cases))
@@ -387,12 +397,12 @@ class AdaptiveAlgorithm(TrajectoryAlgorithm):
         self.logger.record("train/given_up", self.n_given_up)
 
     def _open_cases(self, tried: Generation, satisfactory: NDArray[np.bool_]) -> None:
-        """Start a search wherever the greedy trajectory was not satisfactory (V)."""
-        for row in np.flatnonzero(~satisfactory):
+        """Start a search wherever the greedy trajectory failed (V)."""
+        for row in np.flatnonzero(~tried.successes):
             case = Case(tried.contexts[row], self._new_search(tried.contexts[row]))
             case.take(tried[row : row + 1], satisfactory[row : row + 1])
             self.cases.append(case)
-        self.logger.record("train/failure_rate", float(np.mean(~satisfactory)))
+        self.logger.record("train/failure_rate", float(np.mean(~tried.successes)))
 
     def _assimilate(self, solved: list[Case]) -> None:
         """Add the solutions to the replay buffer (VIII); a pinned context has one at most."""
