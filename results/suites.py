@@ -10,7 +10,7 @@ from results.exceptions import BenchmarkError
 from results.protocols import LeaveOneOut, OneContext, Protocol, Stream
 from results.specification import Algorithm, RunSpecification, Suite
 from sb3_nmp.acnmp import Exploration
-from sb3_nmp.common.cnmp import CNMPSettings
+from sb3_nmp.common.cnmp import CNMPSettings, PretrainingSettings
 from sb3_nmp.common.noise import SmoothNoise
 
 # Hyper-parameters are chosen on seeds of 1000 and above, which no reported run uses.
@@ -111,8 +111,31 @@ PUSH_ABLATIONS: dict[str, Algorithm] = {
 }
 
 # Self-improvement over a stream of contexts (thesis 5.2.2, the second experiment).
-APERTURE_ALGORITHMS: dict[str, Algorithm] = {"ACNMP": _ACNMP, "ProMP+RL (Ewerton)": _EWERTON}
-APERTURE_ABLATIONS: dict[str, Algorithm] = {}
+_STREAM: dict[str, object] = {
+    "n_contexts": 20,
+    "reward_threshold": -0.1,  # 0.05 m at the start, 0.05 m at the goal, 0.63 m from the wall
+    "max_generations": 15,
+    "exploration": Exploration(sigma=0.2, latent=0.25),
+    "pretraining": PretrainingSettings(n_steps=4000),
+    "n_training_steps": 0,
+    "n_assimilation_steps": 200,
+    "policy_kwargs": {"cnmp": CNMPSettings(context_in_decoder=True)},
+}
+APERTURE_ALGORITHMS: dict[str, Algorithm] = {
+    "ACNMP": _acnmp(**_STREAM),
+    "ProMP+RL (Ewerton)": _EWERTON,
+}
+APERTURE_ABLATIONS: dict[str, Algorithm] = {
+    "ACNMP": APERTURE_ALGORITHMS["ACNMP"],
+    "policy gradient too": _acnmp(**_STREAM | {"n_training_steps": 10}),
+    "no threshold": _acnmp(**_STREAM | {"reward_threshold": None}),
+    "no latents": _acnmp(**_STREAM | {"exploration": Exploration(sigma=0.2, latent=0.0)}),
+    "context through latents": _acnmp(**_STREAM | {"policy_kwargs": {}}),
+    "no linear trend": _acnmp(
+        **_STREAM
+        | {"policy_kwargs": {"cnmp": CNMPSettings(context_in_decoder=True, linear_trend=False)}}
+    ),
+}
 
 
 @dataclass(frozen=True)

@@ -141,7 +141,7 @@ class CNMP(nn.Module):
 
         :param contexts: shape (B, C)
         """
-        return (contexts - self.context_mean) / self.context_std
+        return (contexts.to(self.times.dtype) - self.context_mean) / self.context_std
 
     def normalise(self, values: th.Tensor) -> th.Tensor:
         """Return trajectory values as the network sees them.

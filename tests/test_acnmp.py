@@ -1,0 +1,377 @@
+"""ACNMP: the CNMP, exploration, critic, advantages, the two ways to learn, and bad input."""
+
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch as th
+
+from sb3_nmp import (
+    ACNMP,
+    CNMPSettings,
+    ConfigurationError,
+    Demonstrations,
+    Exploration,
+    InvalidDataError,
+    PretrainingSettings,
+)
+from sb3_nmp.acnmp.critic import Critic, RewardCritic, normal_scores, varying_costs
+from sb3_nmp.acnmp.exploration import directions, spread_over_time
+from sb3_nmp.acnmp.losses import advantages, policy_gradient_loss
+from sb3_nmp.acnmp.search import LatentSearch
+from sb3_nmp.common.algorithm import Generation
+from sb3_nmp.common.cnmp import CNMP, pretrain
+
+T = 20
+TIMES = np.linspace(0.0, 1.0, T)
+SMALL = CNMPSettings(representation_dim=4, encoder_arch=(16,), decoder_arch=(32,), n_frequencies=2)
+QUICK = PretrainingSettings(n_steps=300)
+
+
+def expert(contexts: np.ndarray) -> np.ndarray:
+    """Start at 0 and end at the context, bent in between: shape (N, T, 1)."""
+    c = np.asarray(contexts).reshape(-1, 1)
+    return (c * TIMES + 0.3 * np.sin(np.pi * TIMES) * (1 + c**2))[..., None]
+
+
+class Reach(gym.Env[Any, Any]):
+    """End where the context says; an instant toy with the interface of a trajectory bandit."""
+
+    def __init__(self, context: float | None = None, low: float = -1.0, high: float = 1.0) -> None:
+        self.observation_space = gym.spaces.Box(-3, 3, (1,), np.float32)
+        self.action_space = gym.spaces.Box(-9, 9, (T, 1), np.float32)
+        self.exploration_scale = np.array([0.3])
+        self.pinned, self.range = context, (low, high)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        super().reset(seed=seed)
+        drawn = self.np_random.uniform(*self.range) if self.pinned is None else self.pinned
+        given = (options or {}).get("context", [drawn])
+        self.context = np.array(given, np.float32)
+        return self.context, {}
+
+    def step(self, action: Any) -> Any:
+        error = abs(float(action[-1, 0] - self.context[0]))
+        steps = np.zeros(T)
+        steps[-1] = -error
+        info = {"is_success": error < 0.05, "step_rewards": steps, "reward_end": -error}
+        return self.context, -error, True, False, info
+
+
+SHOWN = np.linspace(-1, 1, 7)[:, None]
+
+
+@pytest.fixture(scope="module")
+def demonstrations() -> Demonstrations:
+    return Demonstrations(SHOWN, expert(SHOWN))
+
+
+@pytest.fixture(scope="module")
+def cnmp(demonstrations: Demonstrations) -> CNMP:
+    th.manual_seed(0)
+    untrained = CNMP(1, (T, 1), SMALL)
+    return pretrain(demonstrations, PretrainingSettings(1000), np.random.default_rng(0), untrained)
+
+
+def build(demonstrations: Demonstrations, env: gym.Env[Any, Any], **more: Any) -> ACNMP:
+    settings = {"pretraining": QUICK, "policy_kwargs": {"cnmp": SMALL}, "seed": 0, **more}
+    return ACNMP("MlpPolicy", env, demonstrations=demonstrations, **settings)
+
+
+def generation(trajectories: np.ndarray, rewards: np.ndarray, **more: Any) -> Generation:
+    n = len(rewards)
+    successes = more.pop("successes", np.zeros(n, bool))
+    return Generation(
+        np.zeros((n, 1), np.float32), trajectories.astype(np.float32), rewards, successes, **more
+    )
+
+
+# -- the CNMP ------------------------------------------------------------------------------------
+
+
+def test_the_cnmp_interpolates_between_demonstrations(cnmp: CNMP) -> None:
+    between = np.array([[-0.5], [0.2], [0.8]])
+    error = cnmp.trajectories(between) - expert(between)
+    assert np.sqrt((error**2).mean()) < 0.05
+
+
+def test_via_points_pull_the_trajectory(cnmp: CNMP, demonstrations: Demonstrations) -> None:
+    """Shown a point of another demonstration, the answer moves towards it."""
+    context, other = np.array([[0.0]]), expert(np.array([0.67]))[0]
+    free = cnmp.trajectories(context)[0]
+    pulled = cnmp.trajectories(context, ([TIMES[10]], [other[10]]))[0]
+    assert abs(pulled[10] - other[10]) < abs(free[10] - other[10])
+    model = build(demonstrations, Reach(0.0)).pretrain()
+    answer, _ = model.predict(np.zeros(1), deterministic=True, via_points=([0.5], [[0.7]]))
+    assert answer.shape == (T, 1)
+    for points, message in (
+        (([1.5], [[0.0]]), "must lie in"),
+        (([0.5], [[0.0, 1.0]]), "need"),
+        (([], np.zeros((0, 1))), "O >= 1"),
+        (([0.5], [[np.nan]]), "finite"),
+    ):
+        with pytest.raises(InvalidDataError, match=message):
+            model.predict(np.zeros(1), deterministic=True, via_points=points)
+
+
+def test_samples_differ_and_the_mean_does_not(demonstrations: Demonstrations) -> None:
+    model = build(demonstrations, Reach(0.0)).pretrain()
+    means = [model.predict(np.zeros(1), deterministic=True)[0] for _ in range(2)]
+    samples = [model.predict(np.zeros(1))[0] for _ in range(2)]
+    np.testing.assert_array_equal(*means)
+    assert not np.array_equal(*samples)
+
+
+def test_the_representation_tells_demonstrations_apart(
+    cnmp: CNMP, demonstrations: Demonstrations
+) -> None:
+    """Without the context in the decoder, all that differs goes through the latent space."""
+    codes = cnmp.encode_whole(demonstrations)
+    condition = cnmp.condition(th.zeros(len(SHOWN), 1))
+    with th.no_grad():
+        decoded = cnmp.mean(condition, codes).numpy()
+    assert np.sqrt(((decoded - demonstrations.trajectories) ** 2).mean()) < 0.1
+
+
+def test_settings_outside_their_range_are_refused() -> None:
+    with pytest.raises(ConfigurationError, match="n_steps is -1"):
+        PretrainingSettings(n_steps=-1)
+    with pytest.raises(ConfigurationError, match="learning_rate is 0"):
+        PretrainingSettings(learning_rate=0)
+    with pytest.raises(ConfigurationError, match=r"latent is -1.*>= 0"):
+        Exploration(latent=-1)
+    with pytest.raises(ConfigurationError, match="nothing is explored"):
+        Exploration(latent=0, noise=0)
+    with pytest.raises(ConfigurationError, match="sigma is 0"):
+        Exploration(sigma=0.0)
+
+
+# -- exploration ---------------------------------------------------------------------------------
+
+
+def test_directions_have_the_scale_asked_for(cnmp: CNMP, demonstrations: Demonstrations) -> None:
+    def found(**settings: float) -> np.ndarray:
+        off: dict[str, Any] = {"sigma": 0.2, "latent": 0.0, "noise": 0.0, **settings}
+        return directions(Exploration(**off), cnmp, demonstrations, np.array([0.3]))
+
+    def rms(direction: np.ndarray) -> float:
+        return float(np.sqrt((direction**2).mean()))
+
+    latents = found(latent=0.5)
+    assert latents.shape == (3, T, 1)
+    assert rms(latents[0]) == pytest.approx(0.1)
+    assert rms(latents[1]) < rms(latents[0])
+    contexts = found(context=2.0)
+    assert contexts.shape == (1, T, 1)
+    assert rms(contexts[0]) == pytest.approx(0.4)
+    noise = found(noise=1.0)
+    assert noise.shape == (4, T, 1)
+    assert np.sqrt((noise**2).sum(axis=0).mean()) == pytest.approx(0.2, rel=0.05)
+
+
+def test_shaped_noise_is_small_where_the_demonstrations_agree(
+    demonstrations: Demonstrations,
+) -> None:
+    shape = spread_over_time(demonstrations)[:, 0]
+    assert 0 < shape[0] < 0.5 < 1 < shape[-1]
+    np.testing.assert_array_equal(spread_over_time(demonstrations[:1]), np.ones((T, 1)))
+
+
+# -- the critic and the search -------------------------------------------------------------------
+
+
+def test_the_critic_predicts_a_smooth_function() -> None:
+    rng = np.random.default_rng(0)
+    points, fresh = rng.standard_normal((60, 3)), 0.5 * rng.standard_normal((50, 3))
+
+    def value(x: np.ndarray) -> np.ndarray:
+        return -((x - 0.5) ** 2).sum(axis=1)
+
+    critic = Critic.fit(points, value(points))
+    mean, std = critic.predict(fresh)
+    assert np.corrcoef(mean, value(fresh))[0, 1] > 0.98
+    _, far = critic.predict(10 + fresh)
+    assert far.min() > std.max()
+    believer = critic.believing(fresh[:1])
+    assert believer.predict(fresh[:1])[1][0] < std[0]
+    assert believer.predict(fresh[:1])[0][0] == pytest.approx(mean[0], abs=1e-2)
+
+
+def test_costs_that_add_up_to_the_reward_are_predicted_apart() -> None:
+    rng = np.random.default_rng(1)
+    costs = {"a": -rng.random(9), "b": -rng.random(9), "zero": np.zeros(9)}
+    rollouts = generation(np.zeros((9, T, 1)), costs["a"] + costs["b"], terms=costs)
+    assert len(varying_costs(rollouts)) == 2
+    assert RewardCritic.fit(rng.random((9, 2)), rollouts).is_sum
+    unrelated = generation(np.zeros((9, T, 1)), rng.random(9), terms=costs)
+    assert varying_costs(unrelated) == []
+    assert not RewardCritic.fit(rng.random((9, 2)), unrelated).is_sum
+    assert normal_scores(np.array([3.0, 1.0, 2.0])).argmax() == 0
+
+
+@pytest.mark.parametrize("use_critic", [True, False])
+def test_a_search_begins_with_the_greedy_trajectory_and_knows_its_coordinates(
+    use_critic: bool,
+) -> None:
+    rng = np.random.default_rng(0)
+    along = rng.standard_normal((3, T, 1))
+    search = LatentSearch(np.ones((T, 1)), along, use_critic=use_critic)
+    tried = search.ask(5, rng)
+    np.testing.assert_array_equal(tried[0], search.mean)
+    search.tell(generation(tried, -np.arange(5.0)))
+    rebuilt = search.mean + np.tensordot(search.coordinates, along, axes=1)
+    np.testing.assert_allclose(rebuilt, tried, atol=1e-6)
+    again = search.ask(4, rng)
+    assert again.shape == (4, T, 1)
+    assert np.array_equal(again[0], search.mean) is not use_critic
+
+
+def test_the_critic_finds_the_optimum_with_fewer_rollouts_than_chance() -> None:
+    def best(use_critic: bool, seed: int) -> float:
+        rng = np.random.default_rng(seed)
+        along = np.linalg.qr(rng.standard_normal((T, 6)))[0].T[..., None]
+        goal = np.tensordot(rng.standard_normal(6), along, axes=1)
+        search = LatentSearch(np.zeros((T, 1)), along, use_critic=use_critic)
+        for _ in range(8):
+            tried = search.ask(5, rng)
+            search.tell(generation(tried, -((tried - goal) ** 2).sum(axis=(1, 2))))
+        return -search.rewards.max()
+
+    with_critic = np.median([best(True, seed) for seed in range(5)])
+    without = np.median([best(False, seed) for seed in range(5)])
+    assert with_critic < 0.2 * without
+
+
+# -- the policy gradient -------------------------------------------------------------------------
+
+
+def test_advantages_follow_their_definitions() -> None:
+    steps = np.array([[-1.0, -2.0, -3.0], [-1.0, 0.0, 0.0]])
+    rollouts = generation(np.zeros((2, 3, 1)), steps.sum(axis=1), step_rewards=steps)
+    to_go = advantages("to_go", rollouts)
+    raw = np.array([[-6.0, -5.0, -3.0], [-1.0, 0.0, 0.0]])
+    centred = raw - raw.mean(axis=0)
+    np.testing.assert_allclose(to_go, centred / centred.std())
+    step = advantages("step", rollouts)
+    assert step[0, 0] == 0  # no difference at the first step
+    assert step[1, 2] > step[1, 1] > 0
+    np.testing.assert_allclose(advantages("return", rollouts)[:, 0], [-1, 1])
+    np.testing.assert_allclose(advantages("place", rollouts).sum(axis=0), 1.0)
+    without = generation(np.zeros((2, 3, 1)), steps.sum(axis=1))
+    np.testing.assert_allclose(advantages("to_go", without), advantages("return", without))
+
+
+def test_the_loss_has_the_policy_gradient() -> None:
+    rng = np.random.default_rng(0)
+    mean = th.tensor(rng.standard_normal((T, 2)), requires_grad=True)
+    tried, weights = th.tensor(rng.standard_normal((3, T, 2))), th.tensor(rng.random((3, T)))
+    policy_gradient_loss(mean, tried, weights).backward()
+    expected = (weights[..., None] * (mean - tried)).sum(dim=0) / T
+    th.testing.assert_close(mean.grad, expected.detach())
+
+
+# -- learning ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"use_critic": False, "advantage": "to_go"}, {"supervised": False}],
+    ids=["critic", "policy gradient", "RL only"],
+)
+def test_it_adapts_to_a_context_outside_the_demonstrations(
+    demonstrations: Demonstrations, settings: dict[str, Any]
+) -> None:
+    env = Reach(2.0)
+    model = build(demonstrations, env, **settings).pretrain()
+    context = np.array([2.0], np.float32)
+    before = model.predict(context, deterministic=True)[0]
+    model.learn(100)
+    after = model.predict(context, deterministic=True)[0]
+    assert abs(after[-1, 0] - 2.0) < abs(before[-1, 0] - 2.0)
+    if not settings:
+        assert abs(after[-1, 0] - 2.0) < 0.05
+        learned = model.policy.generalise(th.as_tensor(context[None])).detach().numpy()[0]
+        assert abs(learned[-1, 0] - 2.0) < abs(before[-1, 0] - 2.0)  # assimilated
+        assert len(model.training_set()) == len(demonstrations) + 1
+
+
+def test_a_stream_that_the_policy_solves_triggers_no_search(
+    demonstrations: Demonstrations,
+) -> None:
+    shown = PretrainingSettings(1500)
+    model = build(demonstrations, Reach(), pretraining=shown, population_size=4)
+    model.learn(40)
+    assert model.cases == [] or len(model.replay_buffer) < 10
+    assert model.num_timesteps == 40
+
+
+def test_a_stream_outside_the_demonstrations_teaches_the_policy(
+    demonstrations: Demonstrations,
+) -> None:
+    env = Reach(low=1.2, high=2.2)
+    model = build(demonstrations, env, population_size=5).pretrain()
+    fresh = np.linspace(1.25, 2.15, 20, dtype=np.float32)[:, None]
+
+    def failures() -> int:
+        ends = model.policy.generalise(th.as_tensor(fresh)).detach().numpy()[:, -1, 0]
+        return int((np.abs(ends - fresh[:, 0]) > 0.05).sum())
+
+    before = failures()
+    model.learn(300)
+    assert len(model.replay_buffer) >= 3
+    assert failures() < before
+
+
+def test_a_saved_model_holds_the_digest_and_not_the_demonstrations(
+    demonstrations: Demonstrations, tmp_path: Path
+) -> None:
+    model = build(demonstrations, Reach(2.0)).learn(10)
+    model.save(tmp_path / "model.zip")
+    with zipfile.ZipFile(tmp_path / "model.zip") as archive:
+        data = json.loads(archive.read("data"))
+    assert data["demonstrations_digest"] == demonstrations.digest
+    assert "demonstrations" not in data
+    loaded = ACNMP.load(tmp_path / "model.zip", env=Reach(2.0))
+    assert loaded.predict(np.array([0.1]), deterministic=True)[0].shape == (T, 1)
+    with pytest.raises(ConfigurationError, match="does not hold its demonstrations"):
+        loaded.learn(5)
+    with pytest.raises(InvalidDataError, match="are not those"):
+        ACNMP.load(tmp_path / "model.zip", env=Reach(2.0), demonstrations=demonstrations[:3])
+
+
+# -- bad input -----------------------------------------------------------------------------------
+
+
+def test_bad_input_is_refused_before_training(demonstrations: Demonstrations) -> None:
+    env = Reach(2.0)
+    with pytest.raises(ConfigurationError, match="learns from demonstrations first"):
+        ACNMP("MlpPolicy", env)
+    with pytest.raises(ConfigurationError, match=r"is a ndarray; it must be Demonstrations"):
+        ACNMP("MlpPolicy", env, demonstrations=np.zeros((3, T, 1)))  # pyright: ignore
+    wrong_context = Demonstrations(np.zeros((2, 3)), np.zeros((2, T, 1)))
+    with pytest.raises(InvalidDataError, match=r"contexts have 3 entries.*contexts of 1"):
+        build(wrong_context, env)
+    wrong_length = Demonstrations(np.zeros((2, 1)), np.zeros((2, T + 1, 1)))
+    with pytest.raises(InvalidDataError, match=r"\(21, 1\).*\(20, 1\)"):
+        build(wrong_length, env)
+    with pytest.raises(ConfigurationError, match=r"no advantage 'best'; there are to_go, step"):
+        build(demonstrations, env, advantage="best")
+    with pytest.raises(ConfigurationError, match="max_generations is 0"):
+        build(demonstrations, env, max_generations=0)
+    with pytest.raises(ConfigurationError, match="n_training_steps is -1"):
+        build(demonstrations, env, n_training_steps=-1)
+
+
+def test_an_environment_that_ignores_the_context_option_is_told_so(
+    demonstrations: Demonstrations,
+) -> None:
+    class Deaf(Reach):
+        def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+            return super().reset(seed=seed)
+
+    with pytest.raises(ConfigurationError, match="must take options"):
+        build(demonstrations, Deaf(low=1.2, high=2.2)).learn(50)
