@@ -9,6 +9,7 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
+from stable_baselines3.common.utils import update_learning_rate
 
 from sb3_nmp.acnmp.exploration import Exploration, directions
 from sb3_nmp.acnmp.losses import (
@@ -24,6 +25,7 @@ from sb3_nmp.common.algorithm import Generation
 from sb3_nmp.common.cnmp import (
     PointSampler,
     PretrainingSettings,
+    cosine,
     negative_log_likelihood,
     pretrain,
 )
@@ -56,7 +58,8 @@ class ACNMP(AdaptiveAlgorithm):
     :param policy: the policy's class or ``"MlpPolicy"``
     :param env: the environment or its id; T x D trajectories as actions, contexts as observations
     :param demonstrations: of the expert
-    :param learning_rate: of Adam after the pre-training, or a schedule of it
+    :param learning_rate: of Adam after the pre-training, or a schedule of it; after each
+        generation it starts there and falls to a hundredth along a cosine
     :param population_size: rollouts a generation in each context that is searched; a multiple of
         the number of environments
     :param n_contexts: new contexts that are tried at once; None: ``population_size``
@@ -92,15 +95,15 @@ class ACNMP(AdaptiveAlgorithm):
         env: GymEnv | str,
         demonstrations: Demonstrations | None = None,
         learning_rate: float | Schedule = 1e-3,
-        population_size: int = 5,
+        population_size: int = 3,
         n_contexts: int | None = None,
         exploration: Exploration = DEFAULT_EXPLORATION,
         use_critic: bool = True,
         advantage: Advantage = "place",
         supervised: bool = True,
         pretraining: PretrainingSettings = DEFAULT_PRETRAINING,
-        n_training_steps: int = 20,
-        n_assimilation_steps: int = 100,
+        n_training_steps: int = 10,
+        n_assimilation_steps: int = 50,
         reward_threshold: float | None = None,
         max_generations: int = 20,
         policy_kwargs: dict[str, Any] | None = None,
@@ -206,11 +209,12 @@ class ACNMP(AdaptiveAlgorithm):
 
     def _adapt(self, searched: list[Case], solved: list[Case]) -> None:
         policy = self.policy
-        self._update_learning_rate(policy.optimizer)
         policy.train()
         n_steps = self.n_training_steps + (self.n_assimilation_steps if solved else 0)
         sampler = self._sampler()
+        highest = self.lr_schedule(self._current_progress_remaining)
         for step, batch in enumerate(sampler.draw(n_steps)):
+            update_learning_rate(policy.optimizer, cosine(highest, step / n_steps))
             losses = []
             if self.supervised:
                 losses.append(negative_log_likelihood(policy.cnmp.network, batch))

@@ -4,11 +4,13 @@ Shape letters: N demonstrations, B batch, T time points, D dimensions of the tra
 O conditioning points, P target points, Z representation.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import torch as th
 from numpy.typing import ArrayLike, NDArray
+from stable_baselines3.common.utils import update_learning_rate
 from torch import nn
 
 from sb3_nmp.common.demonstrations import Demonstrations
@@ -293,6 +295,15 @@ class PointSampler:
         ]
 
 
+def cosine(highest: float, progress: float) -> float:
+    """Return a learning rate that falls from the highest to a hundredth of it.
+
+    :param highest: at the start
+    :param progress: of the training, in [0, 1]
+    """
+    return highest * (0.505 + 0.495 * math.cos(math.pi * progress))
+
+
 def negative_log_likelihood(network: ConditionalNeuralProcess, batch: PointBatch) -> th.Tensor:
     """Return Eq. 4.1, averaged over the target points and summed over dimensions; a scalar.
 
@@ -337,9 +348,8 @@ def pretrain(
     for step in range(settings.n_steps):
         if step % CHUNK == 0:
             batches = sampler.draw(min(CHUNK, settings.n_steps - step))
-        progress = step / settings.n_steps
-        for group in optimizer.param_groups:
-            group["lr"] = settings.learning_rate * (0.505 + 0.495 * np.cos(np.pi * progress))
+        rate = cosine(settings.learning_rate, step / settings.n_steps)
+        update_learning_rate(optimizer, rate)
         loss = negative_log_likelihood(cnmp.network, batches[step % CHUNK])
         optimizer.zero_grad()
         loss.backward()

@@ -1,0 +1,103 @@
+"""Whether adaptation keeps the character of the demonstrations (thesis Fig. 5.3 to 5.5).
+
+``python -m results.experiments.acnmp_shape`` adapts to the two extrapolation targets of
+``nmp/Push-v0`` with ACNMP and with ablations of it, and prints a Markdown table of
+
+- shape: distance of the found trajectory from the demonstrations' shape space, the affine span of
+  their principal components that hold 99 % of their variance, root mean square in rad;
+- roughness: its root mean square second difference over that of the demonstrations;
+- forgetting: error of the network's answers in the demonstrated contexts after the adaptation,
+  root mean square in rad.
+"""
+
+from typing import Any
+
+import numpy as np
+import torch as th
+
+from benchmark_envs import TrajectoryEnv, leave_one_out, make_task
+from benchmark_envs.tasks.push import EXTRAPOLATION_TARGETS
+from results.suites import PUSH_ABLATIONS
+from sb3_nmp import ACNMP, Demonstrations
+
+LABELS = ("ACNMP", "no latents", "policy gradient, to go", "RL only")
+SEEDS = range(5)
+BUDGET = 200
+SHOWN_VARIANCE = 0.99
+
+
+def distance_from_shapes(trajectory: np.ndarray, demonstrations: np.ndarray) -> float:
+    """Return the root mean square distance from the demonstrations' principal subspace.
+
+    :param trajectory: shape (T, D)
+    :param demonstrations: shape (N, T, D)
+    """
+    mean = demonstrations.mean(axis=0)
+    flat = (demonstrations - mean).reshape(len(demonstrations), -1)
+    _, lengths, axes = np.linalg.svd(flat, full_matrices=False)
+    held = np.cumsum(lengths**2) / np.sum(lengths**2)
+    axes = axes[: 1 + int(np.argmax(held >= SHOWN_VARIANCE))]
+    deviation = (trajectory - mean).ravel()
+    return float(np.sqrt(np.mean((deviation - axes.T @ (axes @ deviation)) ** 2)))
+
+
+def roughness(trajectories: np.ndarray) -> float:
+    """Return the root mean square second difference over time.
+
+    :param trajectories: shape (..., T, D)
+    """
+    return float(np.sqrt(np.mean(np.diff(trajectories, 2, axis=-2) ** 2)))
+
+
+def measure(label: str, target: int, seed: int) -> tuple[bool, float, float, float, float]:
+    """Adapt once: solved, path error in m^2, shape, roughness and forgetting.
+
+    :param label: of `PUSH_ABLATIONS`
+    :param target: that is left out
+    :param seed: of the run
+    """
+    task: Any = make_task("nmp/Push-v0", n_threads=1)
+    shown, held_out = leave_one_out("nmp/Push-v0", target)
+    demonstrations = Demonstrations.from_task(task, shown)
+    env = TrajectoryEnv(task, context=held_out)
+    settings = dict(PUSH_ABLATIONS[label].settings)
+    model = ACNMP("MlpPolicy", env, demonstrations=demonstrations, seed=seed, **settings)
+    model.learn(BUDGET)
+    found = model.predict(held_out.astype(np.float32), deterministic=True)[0]
+    rollout = task.simulate(held_out, found)
+    answers = model.policy.cnmp.trajectories(shown)
+    return (
+        bool(rollout.successes[0]),
+        -float(rollout.rewards[0]),
+        distance_from_shapes(found, demonstrations.trajectories),
+        roughness(found) / roughness(demonstrations.trajectories),
+        float(np.sqrt(np.mean((answers - demonstrations.trajectories) ** 2))),
+    )
+
+
+def main() -> None:
+    """Print the table: medians over targets and seeds."""
+    th.set_num_threads(1)
+    task = make_task("nmp/Push-v0", n_threads=1)
+    experts = []
+    for target in EXTRAPOLATION_TARGETS:
+        shown, held_out = leave_one_out("nmp/Push-v0", target)
+        demonstrated = np.stack([task.demonstrate(context) for context in shown])
+        experts.append(distance_from_shapes(task.demonstrate(held_out), demonstrated))
+    print("| | solved | path error [m^2] | shape [rad] | roughness | forgetting [rad] |")
+    print("|---|--:|--:|--:|--:|--:|")
+    print(f"| expert at the left-out target | | | {np.median(experts):.3f} | | |")
+    for label in LABELS:
+        rows = np.array(
+            [measure(label, target, s) for target in EXTRAPOLATION_TARGETS for s in SEEDS], float
+        )
+        error, shape, rough, forgotten = np.median(rows[:, 1:], axis=0)
+        print(
+            f"| {label} | {int(rows[:, 0].sum())}/{len(rows)} | {error:.3f} | {shape:.3f} | "
+            f"{rough:.2f} | {forgotten:.4f} |",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
