@@ -113,6 +113,7 @@ PUSH_ABLATIONS: dict[str, Algorithm] = {
 # Self-improvement over a stream of contexts (thesis 5.2.2, the second experiment).
 _STREAM: dict[str, object] = {
     "n_contexts": 20,
+    "population_size": 5,
     "reward_threshold": -0.1,  # 0.05 m at the start, 0.05 m at the goal, 0.63 m from the wall
     "max_generations": 15,
     "exploration": Exploration(sigma=0.2, latent=0.25),

@@ -41,7 +41,14 @@ def expert(contexts: np.ndarray) -> np.ndarray:
 class Reach(gym.Env[Any, Any]):
     """End where the context says; an instant toy with the interface of a trajectory bandit."""
 
-    def __init__(self, context: float | None = None, low: float = -1.0, high: float = 1.0) -> None:
+    def __init__(
+        self,
+        context: float | None = None,
+        low: float = -1.0,
+        high: float = 1.0,
+        tolerance: float = 0.05,
+    ) -> None:
+        self.tolerance = tolerance
         self.observation_space = gym.spaces.Box(-3, 3, (1,), np.float32)
         self.action_space = gym.spaces.Box(-9, 9, (T, 1), np.float32)
         self.exploration_scale = np.array([0.3])
@@ -58,7 +65,7 @@ class Reach(gym.Env[Any, Any]):
         error = abs(float(action[-1, 0] - self.context[0]))
         steps = np.zeros(T)
         steps[-1] = -error
-        info = {"is_success": error < 0.05, "step_rewards": steps, "reward_end": -error}
+        info = {"is_success": error < self.tolerance, "step_rewards": steps, "reward_end": -error}
         return self.context, -error, True, False, info
 
 
@@ -303,27 +310,30 @@ def test_a_stream_that_the_policy_solves_triggers_no_search(
     demonstrations: Demonstrations,
 ) -> None:
     shown = PretrainingSettings(1500)
-    model = build(demonstrations, Reach(), pretraining=shown, population_size=4)
+    env = Reach(tolerance=0.2)
+    model = build(demonstrations, env, pretraining=shown, population_size=4).pretrain()
+    before = {key: value.clone() for key, value in model.policy.cnmp.state_dict().items()}
     model.learn(40)
-    assert model.cases == [] or len(model.replay_buffer) < 10
-    assert model.num_timesteps == 40
+    assert (model.num_timesteps, model.cases, len(model.replay_buffer)) == (40, [], 0)
+    for key, value in model.policy.cnmp.state_dict().items():
+        assert th.equal(value, before[key])
 
 
 def test_a_stream_outside_the_demonstrations_teaches_the_policy(
     demonstrations: Demonstrations,
 ) -> None:
     env = Reach(low=1.2, high=2.2)
-    model = build(demonstrations, env, population_size=5).pretrain()
+    model = build(demonstrations, env, n_assimilation_steps=200).pretrain()
     fresh = np.linspace(1.25, 2.15, 20, dtype=np.float32)[:, None]
 
-    def failures() -> int:
+    def error() -> float:
         ends = model.policy.generalise(th.as_tensor(fresh)).detach().numpy()[:, -1, 0]
-        return int((np.abs(ends - fresh[:, 0]) > 0.05).sum())
+        return float(np.abs(ends - fresh[:, 0]).mean())
 
-    before = failures()
+    before = error()
     model.learn(300)
     assert len(model.replay_buffer) >= 3
-    assert failures() < before
+    assert error() < 0.6 * before
 
 
 def test_a_saved_model_holds_the_digest_and_not_the_demonstrations(

@@ -130,10 +130,10 @@ class AdaptiveAlgorithm(TrajectoryAlgorithm):
     """Learns from demonstrations, and searches where the learned policy fails.
 
     On an environment whose context is fixed, every generation searches in that context. On one
-    that draws contexts, a generation tries the greedy trajectory in ``n_contexts`` new ones; those
-    in which it is not satisfactory are then searched side by side, ``population_size`` rollouts each a
-    generation, until a rollout is satisfactory or the search has lasted ``max_generations``; the
-    best successful rollout is assimilated.
+    that draws contexts, a generation tries the greedy trajectory in ``n_contexts`` new ones. Those
+    in which it fails are then searched side by side, ``population_size`` rollouts
+    each a generation, until a rollout is satisfactory or the search has lasted
+    ``max_generations``; the best successful rollout is assimilated.
 
     The demonstrations are not saved with a model, only their digest: give them again to go on,
     ``load(path, env=env, demonstrations=demonstrations)``. What was assimilated is the
@@ -397,8 +397,8 @@ class AdaptiveAlgorithm(TrajectoryAlgorithm):
         self.logger.record("train/given_up", self.n_given_up)
 
     def _open_cases(self, tried: Generation, satisfactory: NDArray[np.bool_]) -> None:
-        """Start a search wherever the greedy trajectory was not satisfactory (V)."""
-        for row in np.flatnonzero(~satisfactory):
+        """Start a search wherever the greedy trajectory failed (V)."""
+        for row in np.flatnonzero(~tried.successes):
             case = Case(tried.contexts[row], self._new_search(tried.contexts[row]))
             case.take(tried[row : row + 1], satisfactory[row : row + 1])
             self.cases.append(case)
