@@ -129,8 +129,8 @@ def test_samples_differ_and_the_mean_does_not(demonstrations: Demonstrations) ->
     model = build(demonstrations, Reach(0.0)).pretrain()
     means = [model.predict(np.zeros(1), deterministic=True)[0] for _ in range(2)]
     samples = [model.predict(np.zeros(1))[0] for _ in range(2)]
-    np.testing.assert_array_equal(*means)
-    assert not np.array_equal(*samples)
+    np.testing.assert_array_equal(means[0], means[1])
+    assert not np.array_equal(samples[0], samples[1])
 
 
 def test_the_representation_tells_demonstrations_apart(

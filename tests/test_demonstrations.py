@@ -144,7 +144,6 @@ def test_files_that_are_not_ours_are_refused(tmp_path: Path) -> None:
         Demonstrations.load(tmp_path / "missing.npz")
 
 
-@pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")  # by NumPy's own np.load
 def test_a_file_that_was_cut_off_is_refused(tmp_path: Path) -> None:
     make().save(tmp_path / "whole.npz")
     whole = (tmp_path / "whole.npz").read_bytes()

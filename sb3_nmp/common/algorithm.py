@@ -392,7 +392,7 @@ class TrajectoryAlgorithm(BaseAlgorithm):
         :raises ConfigurationError: the environments do not take the reset option ``context``
         """
         wanted = self._wanted_contexts(members)
-        if wanted is not None and not np.array_equal(self._last_obs, wanted):
+        if wanted is not None and not np.array_equal(np.asarray(self._last_obs), wanted):
             env.set_options([{"context": context} for context in wanted])
             self._last_obs = cast(NDArray[np.float32], env.reset())
             if not np.allclose(self._last_obs, wanted, atol=1e-5):

@@ -344,6 +344,7 @@ def pretrain(
         cnmp.condition(cnmp.times.new_tensor(demonstrations.contexts)),
         rng,
     )
+    batches: list[PointBatch] = []
     cnmp.train()
     for step in range(settings.n_steps):
         if step % CHUNK == 0:

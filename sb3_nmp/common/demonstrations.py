@@ -46,8 +46,8 @@ class Demonstrations:
         that is not finite
     """
 
-    contexts: FloatArray
-    trajectories: FloatArray
+    contexts: NDArray[Any]
+    trajectories: NDArray[Any]
 
     def __post_init__(self) -> None:
         """Check the values and freeze copies of them."""
@@ -146,7 +146,7 @@ class Demonstrations:
     @classmethod
     def from_task(
         cls,
-        task: str | Expert,
+        task: str | gym.Env | Expert,
         contexts: ArrayLike | int,
         seed: int | np.random.Generator | None = None,
     ) -> "Demonstrations":
@@ -197,7 +197,7 @@ class Demonstrations:
         :raises InvalidDataError: its arrays are no demonstrations
         """
         try:
-            with np.load(path, allow_pickle=False) as file:
+            with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
                 arrays = [file[key] for key in FILE_KEYS]
         except (KeyError, ValueError, EOFError, TypeError, zipfile.BadZipFile) as error:
             raise FileFormatError(
@@ -218,8 +218,10 @@ class Demonstrations:
         :raises ConfigurationError: Minari is not installed
         """
         _check_minari()
-        import minari
-        from minari.data_collector import EpisodeBuffer
+        import minari  # pyright: ignore[reportMissingImports]
+        from minari.data_collector import (  # pyright: ignore[reportMissingImports]
+            EpisodeBuffer,
+        )
 
         env = gym.make(env) if isinstance(env, str) else env
         action, observation = env.action_space, env.observation_space
@@ -248,7 +250,7 @@ class Demonstrations:
         :raises InvalidDataError: an episode has more than one step
         """
         _check_minari()
-        import minari
+        import minari  # pyright: ignore[reportMissingImports]
 
         dataset = minari.load_dataset(dataset) if isinstance(dataset, str) else dataset
         episodes = list(dataset.iterate_episodes())
