@@ -58,7 +58,6 @@ def _suites() -> str:
     return "; ".join(
         f"{name}: {recipe.description}, {recipe.n_seeds} seeds, {recipe.budget} rollouts each"
         for name, recipe in SUITES.items()
-        if recipe.algorithms
     )
 
 

@@ -145,7 +145,6 @@ def test_a_run_can_be_rendered_from_its_file(folder: Path):
     ("arguments", "message"),
     [
         (["run", "--suite", "nope"], "there are quick, bottles, ablations"),
-        (["run", "--suite", "push-ablations"], "no algorithm yet"),
         (["table", "table-5.1"], "'nmp-bench run --suite push' and 'nmp-bench run --suite aper"),
         (["table", "table-5.1", "--suite", "push"], "leave out --suite"),
         (["run", "--suite", "fakes", "--algorithms", "nope"], "it has Hill, Broken, Absent"),
