@@ -211,7 +211,7 @@ class ACNMP(AdaptiveAlgorithm):
         policy = self.policy
         policy.train()
         n_steps = self.n_training_steps + (self.n_assimilation_steps if solved else 0)
-        sampler = self._sampler()
+        sampler, tried = self._sampler(), self._tried(searched)
         highest = self.lr_schedule(self._current_progress_remaining)
         for step, batch in enumerate(sampler.draw(n_steps)):
             update_learning_rate(policy.optimizer, cosine(highest, step / n_steps))
@@ -219,7 +219,7 @@ class ACNMP(AdaptiveAlgorithm):
             if self.supervised:
                 losses.append(negative_log_likelihood(policy.cnmp.network, batch))
             if step < self.n_training_steps:
-                losses += [self._policy_gradient_loss(searched)]
+                losses.append(self._policy_gradient_loss(searched, tried))
             for loss in losses:
                 policy.optimizer.zero_grad()
                 loss.backward()
@@ -240,18 +240,27 @@ class ACNMP(AdaptiveAlgorithm):
             self.rng,
         )
 
-    def _policy_gradient_loss(self, searched: list[Case]) -> th.Tensor:
+    def _tried(self, searched: list[Case]) -> list[tuple[th.Tensor, th.Tensor]]:
+        """Return each case's normalised trajectories (N, T, D) and their advantages (N, T)."""
+        cnmp, pairs = self.policy.cnmp, []
+        for case in searched:
+            rollouts = self._learned_from(cast(LatentSearch, case.search))
+            trajectories = cnmp.normalise(cnmp.times.new_tensor(rollouts.trajectories))
+            weights = cnmp.times.new_tensor(advantages(self.advantage, rollouts))
+            pairs.append((trajectories, weights))
+        return pairs
+
+    def _policy_gradient_loss(
+        self, searched: list[Case], tried: list[tuple[th.Tensor, th.Tensor]]
+    ) -> th.Tensor:
         """Return Eq. 5.2's loss over the contexts that are searched."""
         cnmp = self.policy.cnmp
         contexts = cnmp.times.new_tensor(np.stack([case.context for case in searched]))
         condition = cnmp.condition(contexts)
         means = cnmp.network.decode(cnmp.times, cnmp.representation(condition), condition).mean
         loss = means.new_zeros(())
-        for mean, case in zip(means, searched, strict=True):
-            rollouts = self._learned_from(cast(LatentSearch, case.search))
-            weights = means.new_tensor(advantages(self.advantage, rollouts))
-            tried = cnmp.normalise(means.new_tensor(rollouts.trajectories))
-            loss = loss + policy_gradient_loss(mean, tried, weights)
+        for mean, (trajectories, weights) in zip(means, tried, strict=True):
+            loss = loss + policy_gradient_loss(mean, trajectories, weights)
         return loss / len(searched)
 
     def _learned_from(self, search: LatentSearch) -> Generation:

@@ -417,14 +417,10 @@ class AdaptiveAlgorithm(TrajectoryAlgorithm):
     def training_set(self) -> Demonstrations:
         """Return the demonstrations together with what was assimilated.
 
-        :raises ConfigurationError: there is neither
+        For algorithms that need demonstrations.
+
+        :raises ConfigurationError: the model was loaded without them
         """
         self.check_can_go_on()
-        found = self.replay_buffer
-        if self.demonstrations is None:
-            if len(found) == 0:
-                raise ConfigurationError("there are neither demonstrations nor solved contexts.")
-            return Demonstrations(found.contexts, found.trajectories)
-        if len(found) == 0:
-            return self.demonstrations
-        return self.demonstrations.joined_with(found.contexts, found.trajectories)
+        shown, found = cast(Demonstrations, self.demonstrations), self.replay_buffer
+        return shown.joined_with(found.contexts, found.trajectories) if len(found) else shown
