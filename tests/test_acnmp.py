@@ -20,9 +20,9 @@ from sb3_nmp import (
     PretrainingSettings,
 )
 from sb3_nmp.acnmp.critic import Critic, RewardCritic, normal_scores, varying_costs
-from sb3_nmp.acnmp.exploration import directions, spread_over_time
+from sb3_nmp.acnmp.exploration import directions, noise_directions, spread_over_time
 from sb3_nmp.acnmp.losses import advantages, policy_gradient_loss
-from sb3_nmp.acnmp.search import LatentSearch
+from sb3_nmp.acnmp.search import LatentSearch, views
 from sb3_nmp.common.algorithm import Generation
 from sb3_nmp.common.cnmp import CNMP, pretrain
 
@@ -198,7 +198,7 @@ def test_the_critic_predicts_a_smooth_function() -> None:
     def value(x: np.ndarray) -> np.ndarray:
         return -((x - 0.5) ** 2).sum(axis=1)
 
-    critic = Critic.fit(points, value(points))
+    critic = Critic.fit(points, value(points), (np.eye(3),))
     mean, std = critic.predict(fresh)
     assert np.corrcoef(mean, value(fresh))[0, 1] > 0.98
     _, far = critic.predict(10 + fresh)
@@ -208,15 +208,31 @@ def test_the_critic_predicts_a_smooth_function() -> None:
     assert believer.predict(fresh[:1])[0][0] == pytest.approx(mean[0], abs=1e-2)
 
 
+def test_the_critic_looks_at_the_moment_that_a_cost_depends_on() -> None:
+    rng = np.random.default_rng(3)
+    directions = noise_directions(np.full((100, 2), 0.3), 6)
+    points, fresh = rng.standard_normal((2, 12, 12))
+
+    def cost_at_the_end(x: np.ndarray) -> np.ndarray:
+        return -np.sum((np.tensordot(x, directions[:, -1], axes=1) - 0.2) ** 2, axis=1)
+
+    every, *moments = views(directions)
+    critic = Critic.fit(points, cost_at_the_end(points), (every, *moments))
+    assert critic.view is moments[-1]
+    whole = Critic.fit(points, cost_at_the_end(points), (every,))
+    errors = [np.abs(each.predict(fresh)[0] - cost_at_the_end(fresh)) for each in (critic, whole)]
+    assert errors[0].mean() < errors[1].mean() / 3
+
+
 def test_costs_that_add_up_to_the_reward_are_predicted_apart() -> None:
     rng = np.random.default_rng(1)
     costs = {"a": -rng.random(9), "b": -rng.random(9), "zero": np.zeros(9)}
     rollouts = generation(np.zeros((9, T, 1)), costs["a"] + costs["b"], terms=costs)
     assert len(varying_costs(rollouts)) == 2
-    assert RewardCritic.fit(rng.random((9, 2)), rollouts).is_sum
+    assert RewardCritic.fit(rng.random((9, 2)), rollouts, (np.eye(2),)).is_sum
     unrelated = generation(np.zeros((9, T, 1)), rng.random(9), terms=costs)
     assert varying_costs(unrelated) == []
-    assert not RewardCritic.fit(rng.random((9, 2)), unrelated).is_sum
+    assert not RewardCritic.fit(rng.random((9, 2)), unrelated, (np.eye(2),)).is_sum
     assert normal_scores(np.array([3.0, 1.0, 2.0])).argmax() == 0
 
 

@@ -72,8 +72,8 @@ class ACNMP(AdaptiveAlgorithm):
     :param pretraining: length and batches of the training on demonstrations
     :param n_training_steps: pairs of alternating steps after a generation
     :param n_assimilation_steps: steps of supervised learning after contexts have been assimilated
-    :param reward_threshold: a search among drawn contexts ends with a successful rollout of at
-        least this reward; None asks for success alone
+    :param reward_threshold: a rollout that succeeds with at least this reward needs no search, or
+        ends it; None asks for success alone
     :param max_generations: after so many it ends in any case
     :param policy_kwargs: further arguments of the policy, such as ``{"cnmp": CNMPSettings(...)}``
     :param stats_window_size: rollouts over which the logged success rate and reward are averaged

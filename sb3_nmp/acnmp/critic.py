@@ -13,9 +13,9 @@ from sb3_nmp.common.algorithm import Generation
 FloatArray = NDArray[np.float64]
 
 #: length scales that the critic chooses from, in units of the typical distance of two draws from
-#: the exploration's distribution in n dimensions, sqrt(2 n)
-LENGTHS = (0.4, 0.6, 0.9, 1.3, 2.0, 3.0)
-JITTER = 1e-3  # of the variance: rollouts near each other need not agree exactly
+#: the exploration's distribution; over the longest ones it is as good as quadratic
+LENGTHS = (0.4, 0.6, 0.9, 1.3, 2.0, 3.0, 5.0, 8.0)
+JITTER = 1e-4  # of the variance: rollouts near each other need not agree exactly
 
 
 def normal_scores(rewards: FloatArray) -> FloatArray:
@@ -29,22 +29,28 @@ def normal_scores(rewards: FloatArray) -> FloatArray:
     return cast(FloatArray, norm.ppf((rankdata(rewards) - 0.5) / len(rewards)))
 
 
-def squared_distances(one: FloatArray, other: FloatArray) -> FloatArray:
-    """Return the squared distance of every pair, shape (N, M).
+def kernel(one: FloatArray, other: FloatArray, length: float) -> FloatArray:
+    """Return the correlation of the values at every pair of points, shape (N, M).
 
-    :param one: shape (N, n)
-    :param other: shape (M, n)
+    :param one: shape (N, d)
+    :param other: shape (M, d)
+    :param length: in units of sqrt(2 d), the typical distance of two draws from N(0, I)
     """
     squares = np.sum(one**2, axis=1)[:, None] + np.sum(other**2, axis=1) - 2 * one @ other.T
-    return np.maximum(squares, 0.0)
+    return np.exp(-0.25 * np.maximum(squares, 0.0) / one.shape[1] / length**2)
 
 
 @dataclass(frozen=True)
 class Critic:
     """A Gaussian process with a squared-exponential kernel; `fit` makes one.
 
+    It sees the points through a *view*, a linear map: a cost that depends on where a trajectory is
+    at one moment, such as an error at the goal, is learned from far fewer rollouts by a critic
+    that looks at that moment alone. Which view explains a cost best is chosen by the evidence.
+
     :param points: shape (N, n)
-    :param length: of the kernel
+    :param view: what the kernel sees of a point: ``point @ view``, shape (n, d)
+    :param length: of the kernel, see `kernel`
     :param variance: of the kernel
     :param mean: of the values
     :param factor: lower Cholesky factor of the correlation matrix, shape (N, N)
@@ -52,6 +58,7 @@ class Critic:
     """
 
     points: FloatArray
+    view: FloatArray
     length: float
     variance: float
     mean: float
@@ -60,26 +67,33 @@ class Critic:
 
     @classmethod
     def fit(
-        cls, points: FloatArray, values: FloatArray, lengths: tuple[float, ...] | None = None
+        cls,
+        points: FloatArray,
+        values: FloatArray,
+        views: tuple[FloatArray, ...],
+        lengths: tuple[float, ...] = LENGTHS,
     ) -> "Critic":
-        """Choose the length scale of largest marginal likelihood.
+        """Choose the view and the length scale of largest marginal likelihood.
 
         :param points: shape (N, n)
         :param values: shape (N,)
-        :param lengths: to choose from; multiples of sqrt(2 n) (`LENGTHS`) by default
+        :param views: to choose from, each of shape (n, d), such that the d values of a draw from
+            the exploration's distribution have a variance of about 1
+        :param lengths: to choose from (`LENGTHS`)
         """
-        unit = (2 * points.shape[1]) ** 0.5
-        distances = squared_distances(points, points)
         mean = float(values.mean())
         best: tuple[float, Critic] | None = None
-        for length in lengths or tuple(unit * multiple for multiple in LENGTHS):
-            correlation = np.exp(-0.5 * distances / length**2) + JITTER * np.eye(len(points))
-            factor, _ = cho_factor(correlation, lower=True)
-            weights = cho_solve((factor, True), values - mean)
-            variance = max(float((values - mean) @ weights) / len(values), 1e-9)
-            evidence = -0.5 * len(values) * np.log(variance) - np.log(np.diag(factor)).sum()
-            if best is None or evidence > best[0]:
-                best = (evidence, cls(points, length, variance, mean, np.tril(factor), weights))
+        for view in views:
+            seen = points @ view
+            for length in lengths:
+                correlation = kernel(seen, seen, length) + JITTER * np.eye(len(points))
+                factor, _ = cho_factor(correlation, lower=True)
+                weights = cho_solve((factor, True), values - mean)
+                variance = max(float((values - mean) @ weights) / len(values), 1e-9)
+                evidence = -0.5 * len(values) * np.log(variance) - np.log(np.diag(factor)).sum()
+                if best is None or evidence > best[0]:
+                    critic = cls(points, view, length, variance, mean, np.tril(factor), weights)
+                    best = (evidence, critic)
         return cast(tuple[float, Critic], best)[1]
 
     def predict(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -87,7 +101,7 @@ class Critic:
 
         :param points: shape (M, n)
         """
-        cross = np.exp(-0.5 * squared_distances(points, self.points) / self.length**2)
+        cross = kernel(points @ self.view, self.points @ self.view, self.length)
         explained = np.sum(solve_triangular(self.factor, cross.T, lower=True) ** 2, axis=0)
         spread = np.sqrt(self.variance * np.maximum(1.0 - explained, 1e-9))
         return self.mean + cross @ self.weights, spread
@@ -101,7 +115,9 @@ class Critic:
         """
         known = np.concatenate([self.points, points])
         values = self._values()
-        return Critic.fit(known, np.append(values, self.predict(points)[0]), (self.length,))
+        return Critic.fit(
+            known, np.append(values, self.predict(points)[0]), (self.view,), (self.length,)
+        )
 
     def _values(self) -> FloatArray:
         return self.mean + self.factor @ (self.factor.T @ self.weights)
@@ -123,16 +139,19 @@ class RewardCritic:
     is_sum: bool
 
     @classmethod
-    def fit(cls, points: FloatArray, rollouts: Generation) -> "RewardCritic":
+    def fit(
+        cls, points: FloatArray, rollouts: Generation, views: tuple[FloatArray, ...]
+    ) -> "RewardCritic":
         """Fit the Gaussian processes.
 
         :param points: shape (N, n)
         :param rollouts: N of them
+        :param views: of the points, see `Critic.fit`
         """
         costs = varying_costs(rollouts)
         if len(costs) < 2:
-            return cls((Critic.fit(points, normal_scores(rollouts.rewards)),), False)
-        return cls(tuple(Critic.fit(points, -(cost**2)) for cost in costs), True)
+            return cls((Critic.fit(points, normal_scores(rollouts.rewards), views),), False)
+        return cls(tuple(Critic.fit(points, -(cost**2), views) for cost in costs), True)
 
     def optimistic(self, points: FloatArray, rng: np.random.Generator) -> FloatArray:
         """Return a random upper bound of each point's reward, shape (M,).

@@ -15,6 +15,7 @@ CANDIDATE_SCALES = (0.3, 0.6, 1.0, 1.5)  # of their distances, in units of the s
 N_REFINED = 20  # candidates that are refined
 REFINEMENTS = 25  # draws around each of them
 REFINEMENT_SCALE = 0.25
+N_MOMENTS = 9  # at which the critic may look at a trajectory alone
 
 
 @dataclass
@@ -47,6 +48,7 @@ class LatentSearch:
     def __post_init__(self) -> None:
         """Start without rollouts."""
         self.coordinates = np.empty((0, len(self.directions)))
+        self._views = views(self.directions)
         self._projection = np.linalg.pinv(self.directions.reshape(len(self.directions), -1))
 
     @property
@@ -70,7 +72,9 @@ class LatentSearch:
 
     def _ask_critic(self, n: int, rng: np.random.Generator) -> FloatArray:
         centre = self.coordinates[self.rewards.argmax()]
-        critic = RewardCritic.fit(self.coordinates, Generation.concatenate(self.rollouts))
+        critic = RewardCritic.fit(
+            self.coordinates, Generation.concatenate(self.rollouts), self._views
+        )
         points: list[FloatArray] = []
         for _ in range(n):
             scales = self.radius * rng.choice(CANDIDATE_SCALES, (N_CANDIDATES, 1))
@@ -96,3 +100,17 @@ class LatentSearch:
         if self.use_critic and len(before) > 1:
             better = rollouts.rewards.max() > before.max()
             self.radius = float(np.clip(self.radius * (1.25 if better else 0.75), *self.limits))
+
+
+def views(directions: FloatArray) -> tuple[FloatArray, ...]:
+    """Return what a critic may look at: all coordinates, or the deviation at one moment.
+
+    :param directions: shape (n, T, D)
+    :return: matrices of shape (n, n) and (n, D); see `Critic.fit`
+    """
+    times = np.linspace(0, directions.shape[1] - 1, N_MOMENTS).round().astype(int)
+    moments = (directions[:, time] for time in times)
+    scaled = (
+        part / max(float(np.sqrt(np.mean(np.sum(part**2, axis=0)))), 1e-9) for part in moments
+    )
+    return (np.eye(len(directions)), *scaled)

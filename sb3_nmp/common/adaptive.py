@@ -1,7 +1,7 @@
 """`AdaptiveAlgorithm`: demonstrations first, then a search wherever they do not suffice.
 
 The loop that ACNMP (thesis Fig. 5.1) and the methods it is compared with share: a policy learned
-from demonstrations is tried in the environment's contexts; where its rollout fails, a search for
+from demonstrations is tried in its contexts; where a rollout is not satisfactory, a search for
 that context starts (a `Case`); once a rollout is satisfactory, it is assimilated.
 """
 
@@ -81,7 +81,7 @@ class Search(Protocol):
 
 @dataclass
 class Case:
-    """A context in which the policy failed, or the pinned one.
+    """A context in which the policy did not satisfy, or the pinned one.
 
     :param context: shape (C,)
     :param search: the search in it
@@ -131,7 +131,7 @@ class AdaptiveAlgorithm(TrajectoryAlgorithm):
 
     On an environment whose context is fixed, every generation searches in that context. On one
     that draws contexts, a generation tries the greedy trajectory in ``n_contexts`` new ones. Those
-    in which it fails are then searched side by side, ``population_size`` rollouts
+    in which it is not satisfactory are then searched side by side, ``population_size`` rollouts
     each a generation, until a rollout is satisfactory or the search has lasted
     ``max_generations``; the best successful rollout is assimilated.
 
@@ -397,8 +397,8 @@ class AdaptiveAlgorithm(TrajectoryAlgorithm):
         self.logger.record("train/given_up", self.n_given_up)
 
     def _open_cases(self, tried: Generation, satisfactory: NDArray[np.bool_]) -> None:
-        """Start a search wherever the greedy trajectory failed (V)."""
-        for row in np.flatnonzero(~tried.successes):
+        """Start a search wherever the greedy trajectory is not satisfactory (V)."""
+        for row in np.flatnonzero(~satisfactory):
             case = Case(tried.contexts[row], self._new_search(tried.contexts[row]))
             case.take(tried[row : row + 1], satisfactory[row : row + 1])
             self.cases.append(case)
