@@ -372,6 +372,18 @@ def test_a_saved_model_holds_the_digest_and_not_the_demonstrations(
 # -- bad input -----------------------------------------------------------------------------------
 
 
+def test_thresholds_tell_where_a_search_begins_and_ends(demonstrations: Demonstrations) -> None:
+    shown = PretrainingSettings(1500)
+    env = Reach(tolerance=0.2)
+    # Success is easy, so what is searched is due to the thresholds alone.
+    model = build(demonstrations, env, pretraining=shown, reward_threshold=(-0.02, -0.01)).learn(
+        300
+    )
+    assert len(model.replay_buffer) > 0
+    assert model.replay_buffer.rewards.min() >= -0.01
+    assert model.n_given_up == 0
+
+
 def test_bad_input_is_refused_before_training(demonstrations: Demonstrations) -> None:
     env = Reach(2.0)
     with pytest.raises(ConfigurationError, match="learns from demonstrations first"):
@@ -388,6 +400,8 @@ def test_bad_input_is_refused_before_training(demonstrations: Demonstrations) ->
         build(demonstrations, env, advantage="best")
     with pytest.raises(ConfigurationError, match="max_generations is 0"):
         build(demonstrations, env, max_generations=0)
+    with pytest.raises(ConfigurationError, match=r"begins below -0.1 must not end with less"):
+        build(demonstrations, env, reward_threshold=(-0.1, -0.2))
     with pytest.raises(ConfigurationError, match="n_training_steps is -1"):
         build(demonstrations, env, n_training_steps=-1)
 

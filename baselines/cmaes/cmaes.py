@@ -68,7 +68,7 @@ class CMAES(AdaptiveAlgorithm):
         context_std: float = 0.0,
         pretraining: PretrainingSettings = PretrainingSettings(),  # noqa: B008 (frozen)
         n_contexts: int | None = None,
-        reward_threshold: float | None = None,
+        reward_threshold: float | tuple[float, float] | None = None,
         max_generations: int = 200,
         policy_kwargs: dict[str, Any] | None = None,
         stats_window_size: int = 100,

@@ -73,7 +73,7 @@ class ACNMP(AdaptiveAlgorithm):
     :param n_training_steps: pairs of alternating steps after a generation
     :param n_assimilation_steps: steps of supervised learning after contexts have been assimilated
     :param reward_threshold: a rollout that succeeds with at least this reward needs no search, or
-        ends it; None asks for success alone
+        ends it; None asks for success alone, two values tell these apart
     :param max_generations: after so many it ends in any case
     :param policy_kwargs: further arguments of the policy, such as ``{"cnmp": CNMPSettings(...)}``
     :param stats_window_size: rollouts over which the logged success rate and reward are averaged
@@ -104,7 +104,7 @@ class ACNMP(AdaptiveAlgorithm):
         pretraining: PretrainingSettings = DEFAULT_PRETRAINING,
         n_training_steps: int = 10,
         n_assimilation_steps: int = 50,
-        reward_threshold: float | None = None,
+        reward_threshold: float | tuple[float, float] | None = None,
         max_generations: int = 20,
         policy_kwargs: dict[str, Any] | None = None,
         stats_window_size: int = 100,

@@ -88,7 +88,6 @@ class Case:
     :param n_generations: searched so far
     :param solution: the best successful trajectory, shape (T, D); None before there is one
     :param reward: of the solution
-    :param satisfied: whether a rollout was satisfactory
     """
 
     context: NDArray[np.float32]
@@ -96,16 +95,13 @@ class Case:
     n_generations: int = 0
     solution: NDArray[np.float32] | None = None
     reward: float = -np.inf
-    satisfied: bool = False
 
-    def take(self, rollouts: Generation, satisfactory: NDArray[np.bool_]) -> None:
+    def take(self, rollouts: Generation) -> None:
         """Tell the search about rollouts, and keep the best successful one.
 
         :param rollouts: made in this context
-        :param satisfactory: which of them are, shape (N,)
         """
         self.search.tell(rollouts)
-        self.satisfied |= bool(satisfactory.any())
         rewards = np.where(rollouts.successes, rollouts.rewards, -np.inf)
         best = int(rewards.argmax())
         if rewards[best] > self.reward:
@@ -133,7 +129,8 @@ class AdaptiveAlgorithm(TrajectoryAlgorithm):
     that draws contexts, a generation tries the greedy trajectory in ``n_contexts`` new ones. Those
     in which it is not satisfactory are then searched side by side, ``population_size`` rollouts
     each a generation, until a rollout is satisfactory or the search has lasted
-    ``max_generations``; the best successful rollout is assimilated.
+    ``max_generations``; the best successful rollout is assimilated. What is satisfactory is a
+    success, and a reward where ``reward_threshold`` asks for one.
 
     The demonstrations are not saved with a model, only their digest: give them again to go on,
     ``load(path, env=env, demonstrations=demonstrations)``. What was assimilated is the
@@ -147,7 +144,8 @@ class AdaptiveAlgorithm(TrajectoryAlgorithm):
     :param n_contexts: new contexts that are tried at once; None: ``population_size``
     :param reward_threshold: a rollout is satisfactory if its info says ``is_success`` and its
         reward is not below this; None asks for success alone. Solutions that barely succeed teach
-        a policy that often fails: a threshold leaves it a margin
+        a policy that often fails: a threshold leaves it a margin. Two values: the first one is for
+        the greedy rollout, below which a search begins, the second one for the rollout that ends it
     :param max_generations: after so many a search among drawn contexts ends
     :param learning_rate: see `TrajectoryAlgorithm`, as for the rest
     :param policy_kwargs: further arguments of the policy
@@ -171,7 +169,7 @@ class AdaptiveAlgorithm(TrajectoryAlgorithm):
         demonstrations: Demonstrations | None,
         population_size: int,
         n_contexts: int | None,
-        reward_threshold: float | None,
+        reward_threshold: float | tuple[float, float] | None,
         max_generations: int,
         learning_rate: float | Schedule,
         policy_kwargs: dict[str, Any] | None,
@@ -189,6 +187,12 @@ class AdaptiveAlgorithm(TrajectoryAlgorithm):
             )
         if max_generations < 1:
             raise ConfigurationError(f"max_generations is {max_generations}; it must be >= 1.")
+        begin, end = thresholds(reward_threshold)
+        if not begin <= end:
+            raise ConfigurationError(
+                f"reward_threshold is {reward_threshold}; a search that begins below {begin} must "
+                "not end with less: give one value, or (begin, end) with begin <= end."
+            )
         self.demonstrations = demonstrations
         self.demonstrations_digest = None if demonstrations is None else demonstrations.digest
         self.n_contexts = population_size if n_contexts is None else n_contexts
@@ -319,14 +323,6 @@ class AdaptiveAlgorithm(TrajectoryAlgorithm):
         """How many rollouts the generation at hand has."""
         return self.population_size if self._plan is None else len(self._plan.cases)
 
-    def satisfactory(self, rollouts: Generation) -> NDArray[np.bool_]:
-        """Tell which rollouts need no further search, shape (N,).
-
-        :param rollouts: any
-        """
-        threshold = -np.inf if self.reward_threshold is None else self.reward_threshold
-        return rollouts.successes & (rollouts.rewards >= threshold)
-
     def _setup_learn(self, *args: Any, **kwargs: Any) -> tuple[int, Any]:  # noqa: ANN401
         self.check_can_go_on()
         return super()._setup_learn(*args, **kwargs)
@@ -370,21 +366,24 @@ class AdaptiveAlgorithm(TrajectoryAlgorithm):
 
     def _end_generation(self, generation: Generation) -> None:
         plan, self._plan = cast(Plan, self._plan), None
-        satisfactory = self.satisfactory(generation)
+        least_to_begin, least_to_end = thresholds(self.reward_threshold)
         if plan.cases[0] < 0:
+            satisfactory = generation.successes & (generation.rewards >= least_to_begin)
             self._open_cases(generation, satisfactory)
             return
         searched, improved = self.cases, []
         for index, case in enumerate(searched):
             rows, before = plan.cases == index, case.reward
-            case.take(generation[rows], satisfactory[rows])
+            case.take(generation[rows])
             case.n_generations += 1
             if case.reward > before:
                 improved.append(case)
         solved = improved
         if not self._pinned:
             closed = [
-                case.satisfied or case.n_generations >= self.max_generations for case in searched
+                (case.solution is not None and case.reward >= least_to_end)
+                or case.n_generations >= self.max_generations
+                for case in searched
             ]
             ended = [case for case, over in zip(searched, closed, strict=True) if over]
             self.cases = [case for case, over in zip(searched, closed, strict=True) if not over]
@@ -400,7 +399,7 @@ class AdaptiveAlgorithm(TrajectoryAlgorithm):
         """Start a search wherever the greedy trajectory is not satisfactory (V)."""
         for row in np.flatnonzero(~satisfactory):
             case = Case(tried.contexts[row], self._new_search(tried.contexts[row]))
-            case.take(tried[row : row + 1], satisfactory[row : row + 1])
+            case.take(tried[row : row + 1])
             self.cases.append(case)
         self.logger.record("train/failure_rate", float(np.mean(~tried.successes)))
 
@@ -424,3 +423,17 @@ class AdaptiveAlgorithm(TrajectoryAlgorithm):
         self.check_can_go_on()
         shown, found = cast(Demonstrations, self.demonstrations), self.replay_buffer
         return shown.joined_with(found.contexts, found.trajectories) if len(found) else shown
+
+
+def thresholds(given: float | tuple[float, float] | None) -> tuple[float, float]:
+    """Return the least rewards with which no search begins, and with which one ends.
+
+    >>> thresholds(None), thresholds(-0.1), thresholds((-0.1, -0.05))
+    ((-inf, -inf), (-0.1, -0.1), (-0.1, -0.05))
+
+    :param given: both of them, a single one for both, or None
+    """
+    if given is None:
+        return -np.inf, -np.inf
+    begin, end = given if isinstance(given, tuple | list) else (given, given)
+    return float(begin), float(end)
