@@ -28,11 +28,13 @@ class SensorLog:
     :param readings: by sensor name, shape (N, T, size of the sensor)
     :param peaks: by sensor name, the largest value since the last time point, same shapes
     :param diverged: MuJoCo gave up or a value is not finite, shape (N,)
+    :param final_states: full physics states at the end, shape (N, nstate)
     """
 
     readings: dict[str, FloatArray]
     peaks: dict[str, FloatArray]
     diverged: BoolArray
+    final_states: FloatArray
 
 
 class BatchExecutor:
@@ -45,11 +47,20 @@ class BatchExecutor:
     :param model: must have a sensor of type ``clock`` that is named ``clock``
     :param substeps: simulation steps from one time point to the next
     :param n_threads: of the pool; 0 runs in the calling thread, by default one a core
+    :param chunk: rollouts handed to MuJoCo at once; it keeps the state at every step of them all,
+        so models with many joints need fewer
     """
 
-    def __init__(self, model: mujoco.MjModel, substeps: int, n_threads: int | None = None) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        substeps: int,
+        n_threads: int | None = None,
+        chunk: int = CHUNK,
+    ) -> None:
         self.model = model
         self.substeps = substeps
+        self.chunk = chunk
         self.n_threads = available_cores() if n_threads is None else n_threads
         self._pool: Rollout | None = None
         self._data: list[mujoco.MjData] = []
@@ -70,14 +81,15 @@ class BatchExecutor:
         :param controls: for every simulation step, shape (N, T * substeps, nu)
         """
         logs = [
-            self._sensors(self._rollout(states[i : i + CHUNK], controls[i : i + CHUNK])[1])
-            for i in range(0, len(states), CHUNK)
+            self._log(*self._rollout(states[i : i + self.chunk], controls[i : i + self.chunk]))
+            for i in range(0, len(states), self.chunk)
         ]
         names = logs[0].readings
         return SensorLog(
             readings={name: np.concatenate([log.readings[name] for log in logs]) for name in names},
             peaks={name: np.concatenate([log.peaks[name] for log in logs]) for name in names},
             diverged=np.concatenate([log.diverged for log in logs]),
+            final_states=np.concatenate([log.final_states for log in logs]),
         )
 
     def initial_state(self, qpos: FloatArray) -> FloatArray:
@@ -103,7 +115,7 @@ class BatchExecutor:
         """
         return self._rollout(state[None], controls[None])[0][0, self.substeps - 1 :: self.substeps]
 
-    def _sensors(self, data: NDArray[np.float64]) -> SensorLog:
+    def _log(self, states: NDArray[np.float64], data: NDArray[np.float64]) -> SensorLog:
         n, steps, _ = data.shape
         blocks = data.reshape(n, steps // self.substeps, self.substeps, -1)
         last, peak = blocks[:, :, -1], blocks.max(axis=2)
@@ -115,7 +127,9 @@ class BatchExecutor:
             readings[sensor.name], peaks[sensor.name] = last[:, :, columns], peak[:, :, columns]
         expected = (steps - 0.5) * self.model.opt.timestep
         stopped = ~(readings["clock"][:, -1, 0] >= expected - self.model.opt.timestep)
-        return SensorLog(readings, peaks, stopped | ~np.isfinite(data).all(axis=(1, 2)))
+        end = states[:, -1].copy()
+        broken = ~np.isfinite(data).all(axis=(1, 2)) | ~np.isfinite(end).all(axis=1)
+        return SensorLog(readings, peaks, stopped | broken, end)
 
 
 def interpolate(start: FloatArray, trajectories: FloatArray, substeps: int) -> FloatArray:

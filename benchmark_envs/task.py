@@ -29,10 +29,12 @@ class Rollouts:
     :param rewards: one reward a rollout, always finite, shape (N,)
     :param successes: whether the task was solved, shape (N,)
     :param diverged: whether the simulation broke down (the reward is then the worst), shape (N,)
-    :param clipped: whether a set-point lay outside the trajectory space, shape (N,)
+    :param clipped: whether a set-point lay outside the trajectory space, or was not followed
+        because the task limits the robot's speed, shape (N,)
     :param terms: the reward's terms by name, each of shape (N,); they add up to the reward
     :param paths: positions of moved objects by name, each of shape (N, T, 2 or 3) in m
     :param step_rewards: where the reward is a sum over time, its summands, shape (N, T)
+    :param outcomes: what else the task measures, by name, each of shape (N,)
     """
 
     contexts: FloatArray
@@ -45,6 +47,7 @@ class Rollouts:
     terms: dict[str, FloatArray] = field(default_factory=dict)
     paths: dict[str, FloatArray] = field(default_factory=dict)
     step_rewards: FloatArray | None = None
+    outcomes: dict[str, FloatArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         """Return the number of rollouts, N."""
@@ -67,15 +70,17 @@ class Rollouts:
             terms={name: term[rows] for name, term in self.terms.items()},
             paths={name: path[rows] for name, path in self.paths.items()},
             step_rewards=None if self.step_rewards is None else self.step_rewards[rows],
+            outcomes={name: outcome[rows] for name, outcome in self.outcomes.items()},
         )
 
     def info(self, index: int) -> dict[str, Any]:
         """Return one rollout as a Gymnasium ``info`` dictionary.
 
         :param index: which of the N rollouts
-        :return: scalars ``is_success``, ``diverged``, ``clipped`` and ``reward_<term>``, and the
-            arrays ``executed_trajectory`` (T, D), ``path_<object>`` (T, 2 or 3) and, where the
-            reward is a sum over time, ``step_rewards`` (T,)
+        :return: scalars ``is_success``, ``diverged``, ``clipped``, ``reward_<term>`` and the
+            task's outcomes by their names, and the arrays ``executed_trajectory`` (T, D),
+            ``path_<object>`` (T, 2 or 3) and, where the reward is a sum over time,
+            ``step_rewards`` (T,)
         """
         info: dict[str, Any] = {
             "is_success": bool(self.successes[index]),
@@ -84,6 +89,7 @@ class Rollouts:
             "executed_trajectory": self.executed[index],
         }
         info |= {f"reward_{name}": float(term[index]) for name, term in self.terms.items()}
+        info |= {name: float(outcome[index]) for name, outcome in self.outcomes.items()}
         if self.step_rewards is not None:
             info["step_rewards"] = self.step_rewards[index]
         return info | {f"path_{name}": path[index] for name, path in self.paths.items()}
@@ -165,7 +171,8 @@ class Task(ABC):
     def simulate(self, contexts: ArrayLike, trajectories: ArrayLike) -> Rollouts:
         """Execute a batch of trajectories, each in its context.
 
-        Set-points outside ``trajectory_space`` are clipped to it, which ``clipped`` reports.
+        Set-points outside ``trajectory_space`` are clipped to it, which ``clipped`` reports. So it
+        does where a task limits the speed; ``executed`` shows what came of it.
 
         :param contexts: shape (N, C), or (C,) for one context shared by all
         :param trajectories: shape (N, T, D), or (T, D) for one rollout
@@ -186,7 +193,7 @@ class Task(ABC):
         low, high = self.trajectory_space.low, self.trajectory_space.high
         inside = np.clip(trajectories, low, high)
         rollouts = self._simulate(contexts, inside)
-        rollouts.clipped[:] = np.any(inside != trajectories, axis=(1, 2))
+        rollouts.clipped[:] |= np.any(inside != trajectories, axis=(1, 2))
         return rollouts
 
     def check_context(self, context: ArrayLike) -> FloatArray:

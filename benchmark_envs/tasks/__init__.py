@@ -2,6 +2,7 @@
 
 from benchmark_envs.tasks.aperture import ApertureTask
 from benchmark_envs.tasks.bottles import BottlesTask
+from benchmark_envs.tasks.pouring import PouringTask
 from benchmark_envs.tasks.push import PushTask
 
-__all__ = ["ApertureTask", "BottlesTask", "PushTask"]
+__all__ = ["ApertureTask", "BottlesTask", "PouringTask", "PushTask"]

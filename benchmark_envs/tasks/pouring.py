@@ -1,0 +1,290 @@
+"""`nmp/Pouring-v0`: a wrist tilts a cup of marbles to pour some of them (thesis 5.2.4).
+
+The thesis did this on a UR10: 16 demonstrations of cups that held 850 to 950 g, then the task to
+pour 1322 of 1400 g. The CNMP's first answer was wrong by 591 g, ACNMP's after 18 rollouts by 27 g.
+
+The demonstrated amounts to pour were not published. Here they are 150 to 600 g, a sixth to two
+thirds of the content, all poured in the same time by peaks of 77 to 89 degrees. What makes the
+extrapolation hard is the cup alone. Among the demonstrations a larger amount needs more tilt, and
+a fuller cup less for the same amount. A CNMP that goes on like this lets the second outweigh the
+first and answers the thesis's task with some 80 degrees, where 95 are needed: a cup must be tilted
+beyond the horizontal to give its last marbles, however many they were. With ACNMP's default
+pre-training and 7 seeds its median error there is 842 g, too little each time (72 to 1322 g), and
+230 to 870 g in the other `EXTRAPOLATION_CONTEXTS`; in contexts among the demonstrations it is 18 g.
+Demonstrations of 100 to 400 g alone make the answers vary more: half of them pour nearly all.
+"""
+
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import ArrayLike, NDArray
+
+from benchmark_envs.exceptions import InvalidContextError, TaskError
+from benchmark_envs.executor import BatchExecutor, SensorLog, interpolate
+from benchmark_envs.registry import register_task
+from benchmark_envs.rendering import draw
+from benchmark_envs.task import BoolArray, FloatArray, Rollouts, Task
+from benchmark_envs.tasks.pouring_expert import peak_tilt, plan
+from benchmark_envs.tasks.pouring_grains import (
+    CUP,
+    GRAIN,
+    RECEIVER,
+    count_inside,
+    grain_positions,
+    initial_state,
+    load_model,
+    settle,
+    settle_lowest,
+    shares,
+)
+
+T = 200
+SUBSTEPS = 2  # of 8 ms: 16 ms a time point, 3.2 s a trajectory
+TIMES = 0.016 * np.arange(1, T + 1, dtype=np.float64)  # s; when the set-points are reached
+UPRIGHT = 63  # time points, 1 s, after the trajectory: the cup goes upright, and what falls lands
+LOWEST, HIGHEST = -0.35, 2.2  # rad; of the wrist: 0 is upright, and it pours at positive angles
+FASTEST = 0.016 * np.pi  # rad a time point; the wrist of a UR10 turns by 180 degrees a second
+LEAST, MOST = 500.0, 1500.0  # g; in the cup at first: it is then filled to 48 and 116 mm of 150
+LEAST_TARGET = 50.0  # g
+TOLERANCE = 27.0  # g; the thesis's error after adaptation
+CHUNK = 8  # rollouts, 4 MB of states each
+FRAME_EVERY = 2.5  # time points: 25 pictures a second
+
+#: `sample_context` draws from these: least and most of initial amount and amount to pour, in g
+DEMONSTRATED = np.array([[850.0, 150.0], [950.0, 600.0]])
+#: far from the demonstrations, in g; the first one is the thesis's
+EXTRAPOLATION_CONTEXTS = np.array(
+    [
+        [1400.0, 1322.0],
+        [1400.0, 1000.0],
+        [1200.0, 1100.0],
+        [1300.0, 700.0],
+        [1100.0, 1000.0],
+        [1450.0, 1200.0],
+    ]
+)
+
+REFINEMENTS = 12  # simulations in which the expert corrects its aim
+ACCURACY = 15.0  # g; the expert is content with this
+CACHED_SOLUTIONS = 4096  # of the expert; 2 kB each
+
+
+def demonstration_contexts() -> FloatArray:
+    """Return what the 16 demonstrations show: 4 initial amounts x 4 targets, shape (16, 2) in g."""
+    initial, target = (np.linspace(low, high, 4) for low, high in DEMONSTRATED.T)
+    return np.stack(np.meshgrid(initial, target, indexing="ij"), axis=-1).reshape(16, 2)
+
+
+@register_task("nmp/Pouring-v0")
+class PouringTask(Task):
+    """A cup with 50 to 150 marbles that a wrist tilts, and a second cup that is to catch some.
+
+    The initial amount decides how many marbles are in play, one for about 10 g, so a fuller cup
+    pours at smaller angles. Which of them fall is chance, though a trajectory always pours the
+    same: what nearly equal ones pour scatters by 18 g (standard deviation). After the trajectory
+    the cup returns upright; a marble then lies in the receiver (poured), in the cup (kept) or
+    elsewhere (spilled), and ``info`` holds these ``poured``, ``kept`` and ``spilled`` grams, whose
+    sum is the initial amount exactly.
+
+    Reward: ``short + excess``, minus the absolute difference of poured and wanted grams. Success:
+    it is at most 27 g.
+
+    The wrist turns by at most 180 degrees a second: it follows faster set-points, and a first one
+    away from upright, as quickly as it can. ``clipped`` reports that as well, and ``executed`` has
+    the angles that were reached.
+
+    :param n_threads: of the simulator; by default one a core
+    """
+
+    context_names: ClassVar[tuple[str, ...]] = ("initial amount [g]", "amount to pour [g]")
+    trajectory_names: ClassVar[tuple[str, ...]] = ("wrist angle [rad]",)
+    exploration_scale: ClassVar[tuple[float, ...]] = (0.1,)
+
+    def __init__(self, n_threads: int | None = None) -> None:
+        self.context_space = spaces.Box(
+            np.array([LEAST, LEAST_TARGET], np.float32), np.array([MOST, MOST], np.float32)
+        )
+        self.trajectory_space = spaces.Box(LOWEST, HIGHEST, (T, 1), np.float32)
+        self.model = load_model()
+        self.executor = BatchExecutor(self.model, SUBSTEPS, n_threads, CHUNK)
+        self._settled: FloatArray | None = None
+        self._states: dict[int, FloatArray] = {}
+        self._solutions: dict[bytes, FloatArray] = {}
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The constructor's arguments that change the task: none."""
+        return {}
+
+    @property
+    def reward_range(self) -> tuple[float, float]:
+        """As much as there can be in the cup is poured too little or too much; and no error."""
+        return -MOST, 0.0
+
+    def check_context(self, context: ArrayLike) -> FloatArray:
+        """Return the context as float64; see `Task.check_context`.
+
+        :param context: initial amount and amount to pour, shape (2,) in g
+        :raises InvalidContextError: as there, or more is to be poured than is in the cup
+        """
+        checked = super().check_context(context)
+        if checked[1] > checked[0]:
+            raise InvalidContextError(
+                f"the amount to pour is {checked[1]:.6g} g, but the cup holds {checked[0]:.6g} g: "
+                f"pour at most that, or begin with an initial amount of {checked[1]:.6g} to "
+                f"{MOST:g} g."
+            )
+        return checked
+
+    def sample_context(self, rng: np.random.Generator) -> FloatArray:
+        """Draw a context among the demonstrated ones, shape (2,) in g.
+
+        The initial amount is uniform in 850 to 950 g and the amount to pour in 150 to 600 g.
+
+        :param rng: the generator to draw from
+        """
+        return rng.uniform(*DEMONSTRATED)
+
+    def initial_trajectory(self, context: ArrayLike) -> FloatArray:
+        """Return the cup held upright, shape (T, 1) in rad.
+
+        :param context: initial amount and amount to pour, shape (2,) in g
+        """
+        self.check_context(context)
+        return np.zeros((T, 1))
+
+    def demonstrate(self, context: ArrayLike, mode: str | None = None) -> FloatArray:
+        """Return the expert's trajectory, shape (T, 1) in rad.
+
+        It tilts the cup to a peak, holds it and brings it back (`pouring_expert`). The expert tries
+        its plan in simulation and corrects its aim by the error it sees, until that is at most
+        15 g. The same context gives the same trajectory.
+
+        :param context: initial amount and amount to pour, shape (2,) in g
+        :param mode: ``"default"``, the only one
+        :raises TaskError: the expert finds no peak that pours the amount within 27 g
+        """
+        self.check_mode(mode)
+        checked = self.check_context(context)
+        key = checked.tobytes()
+        if key not in self._solutions:
+            solution = self._refine(checked)
+            if len(self._solutions) >= CACHED_SOLUTIONS:
+                self._solutions.pop(next(iter(self._solutions)))
+            self._solutions[key] = solution
+        return self._solutions[key].copy()
+
+    def frames(
+        self, context: ArrayLike, trajectory: ArrayLike, width: int = 480, height: int = 360
+    ) -> list[NDArray[np.uint8]]:
+        """Run one rollout and draw it until the cup is upright again; see `Task.frames`.
+
+        :param context: shape (2,)
+        :param trajectory: shape (T, 1)
+        :param width: of the picture, in pixels
+        :param height: of the picture, in pixels
+        """
+        initial = self.check_context(context)[0]
+        controls = self._controls(self._follow(self.check_trajectories(trajectory)))[0]
+        states = self.executor.states(self._initial_state(self._count(initial)), controls)
+        shown = np.arange(0.0, len(states), FRAME_EVERY).astype(int)
+        return draw(self.model, states[shown], "overview", width, height)
+
+    def _refine(self, context: FloatArray) -> FloatArray:
+        """Simulate plans, each aimed off by a part of the last one's miss, and return the best.
+
+        The parts shrink (a half, a third, a quarter, ...), because most of a miss is the chance of
+        an avalanche: equal parts can lead round and round the same few plans.
+        """
+        initial, target = context
+        aim, best, least = target, None, TOLERANCE
+        for k in range(REFINEMENTS):
+            trajectory = plan(peak_tilt(initial, aim), TIMES)
+            miss = target - self.simulate(context, trajectory).outcomes["poured"][0]
+            if abs(miss) <= least:
+                best, least = trajectory, abs(miss)
+            if least <= ACCURACY:
+                break
+            aim = float(np.clip(aim + miss / (k + 2), 0.0, initial))
+        if best is None:
+            raise TaskError(
+                f"the expert cannot pour {target:.6g} of {initial:.6g} g within {TOLERANCE:g} g: "
+                "some of the last marbles miss the receiver. Ask for at most 95 % of the content."
+            )
+        return best
+
+    @staticmethod
+    def _count(initial: float) -> int:
+        """Return the number of grains in play for an initial amount in g."""
+        return round(float(initial) / GRAIN)
+
+    def _initial_state(self, n: int) -> FloatArray:
+        """Return the state with the cup upright and n grains at rest in it; cached."""
+        if n not in self._states:
+            if self._settled is None:
+                self._settled = settle(self.executor)
+            rest = settle_lowest(self.executor, self._settled, n)
+            self._states[n] = initial_state(self.executor, rest)
+        return self._states[n]
+
+    def _follow(self, trajectories: FloatArray) -> FloatArray:
+        """Return what the wrist can follow of set-points and of the return afterwards.
+
+        :param trajectories: shape (N, T, 1) in rad
+        :return: shape (N, T + UPRIGHT, 1) in rad
+        """
+        n = len(trajectories)
+        wanted = np.concatenate([trajectories, np.zeros((n, UPRIGHT, 1))], axis=1)
+        limited, angle = np.empty_like(wanted), np.zeros((n, 1))
+        for t in range(T + UPRIGHT):  # each depends on the one before
+            angle = angle + np.clip(wanted[:, t] - angle, -FASTEST, FASTEST)
+            limited[:, t] = angle
+        return limited
+
+    def _controls(self, limited: FloatArray) -> FloatArray:
+        """Return what the servo is commanded, shape (N, (T + UPRIGHT) * SUBSTEPS, 1).
+
+        MuJoCo reads its sensors at the beginning of a step, so each set-point is commanded a step
+        earlier.
+        """
+        controls = interpolate(np.zeros(1), limited, SUBSTEPS)
+        return np.concatenate([controls[:, 1:], controls[:, -1:]], axis=1)
+
+    def _simulate(self, contexts: FloatArray, trajectories: FloatArray) -> Rollouts:
+        initial, target = contexts.T
+        counts = np.array([self._count(amount) for amount in initial])
+        states = np.stack([self._initial_state(n) for n in counts])
+        limited = self._follow(trajectories)
+        log = self.executor.run(states, self._controls(limited))
+        ok = ~log.diverged
+        executed = log.readings["wrist"][:, :T].copy()
+        executed[~ok] = trajectories[~ok]
+        poured, kept, spilled = self._outcomes(log, initial, counts, ok)
+        terms = {
+            "short": np.where(ok, -np.maximum(target - poured, 0.0), 0.0),
+            "excess": np.where(ok, -np.maximum(poured - target, 0.0), 0.0),
+            "diverged": np.where(ok, 0.0, self.reward_range[0]),
+        }
+        return Rollouts(
+            contexts=contexts,
+            trajectories=trajectories,
+            executed=executed,
+            rewards=np.sum(list(terms.values()), axis=0),
+            successes=ok & (np.abs(poured - target) <= TOLERANCE),
+            diverged=log.diverged,
+            clipped=np.any(np.abs(limited[:, :T] - trajectories) > 1e-9, axis=(1, 2)),
+            terms=terms,
+            outcomes={"poured": poured, "kept": kept, "spilled": spilled},
+        )
+
+    def _outcomes(
+        self, log: SensorLog, initial: FloatArray, counts: NDArray[np.int_], ok: BoolArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return poured, kept and spilled g, each of shape (N,); all is kept where not ok."""
+        positions = grain_positions(self.model, log.final_states, int(counts.max()))
+        in_play = np.arange(positions.shape[1]) < counts[:, None]
+        positions = np.where(in_play[..., None], positions, -np.inf)
+        poured = np.where(ok, count_inside(positions, RECEIVER), 0)
+        kept = np.where(ok, count_inside(positions, CUP), counts)
+        return shares(initial, counts, poured, kept)
