@@ -10,7 +10,13 @@ from benchmark_envs.exceptions import (
 from benchmark_envs.leave_one_out import leave_one_out
 from benchmark_envs.registry import make_task, register_task, task_ids
 from benchmark_envs.task import Rollouts, Task
-from benchmark_envs.tasks import ApertureTask, BottlesTask, PouringTask, PushTask
+from benchmark_envs.tasks import (
+    ApertureTask,
+    BottlesTask,
+    PickAndPlaceTask,
+    PouringTask,
+    PushTask,
+)
 from benchmark_envs.trajectory_env import TrajectoryEnv
 from benchmark_envs.trajectory_vec_env import TrajectoryVecEnv
 
@@ -19,6 +25,7 @@ __all__ = [
     "BottlesTask",
     "InvalidContextError",
     "InvalidTrajectoryError",
+    "PickAndPlaceTask",
     "PouringTask",
     "PushTask",
     "RenderingUnavailableError",

@@ -1,6 +1,7 @@
-"""The batched MuJoCo executor: many open-loop rollouts of one model in C threads."""
+"""The batched MuJoCo executor: many open-loop rollouts in C threads."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -40,6 +41,9 @@ class SensorLog:
 class BatchExecutor:
     """Runs batches of control sequences on one model, with a thread pool that is reused.
 
+    A rollout may have a model of its own, which differs from that one in numbers alone: it has the
+    same elements in the same order, and the same time step.
+
     Every rollout starts with a zero warm-start, so its outcome depends neither on the batch it is
     in nor on the number of threads. A divergence shows in the model's ``clock`` sensor: MuJoCo
     ends a rollout at its first warning and repeats the last reading, so its clock stands still.
@@ -66,24 +70,34 @@ class BatchExecutor:
         self._data: list[mujoco.MjData] = []
         self._scratch = mujoco.MjData(model)
 
-    def _rollout(self, states: FloatArray, controls: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _rollout(
+        self, states: FloatArray, controls: FloatArray, models: Sequence[mujoco.MjModel] | None
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the physics states and sensor readings at every step, (N, T * substeps, *)."""
         if self._pool is None:
             self._pool = Rollout(nthread=self.n_threads if self.n_threads > 1 else 0)
             self._data = [mujoco.MjData(self.model) for _ in range(max(1, self.n_threads))]
-        states_out, sensors = self._pool.rollout(self.model, self._data, states, controls)
+        model = self.model if models is None else list(models)
+        states_out, sensors = self._pool.rollout(model, self._data, states, controls)
         return np.asarray(states_out), np.asarray(sensors)
 
-    def run(self, states: FloatArray, controls: FloatArray) -> SensorLog:
+    def run(
+        self,
+        states: FloatArray,
+        controls: FloatArray,
+        models: Sequence[mujoco.MjModel] | None = None,
+    ) -> SensorLog:
         """Run N rollouts.
 
         :param states: initial full physics states (`initial_state`), shape (N, nstate)
         :param controls: for every simulation step, shape (N, T * substeps, nu)
+        :param models: one for each rollout, length N; None: the executor's model for all
         """
-        logs = [
-            self._log(*self._rollout(states[i : i + self.chunk], controls[i : i + self.chunk]))
-            for i in range(0, len(states), self.chunk)
-        ]
+        logs: list[SensorLog] = []
+        for i in range(0, len(states), self.chunk):
+            chunk = slice(i, i + self.chunk)
+            own = None if models is None else models[chunk]
+            logs.append(self._log(*self._rollout(states[chunk], controls[chunk], own)))
         names = logs[0].readings
         return SensorLog(
             readings={name: np.concatenate([log.readings[name] for log in logs]) for name in names},
@@ -106,14 +120,19 @@ class BatchExecutor:
         mujoco.mj_getState(self.model, scratch, state, full)
         return state
 
-    def states(self, state: FloatArray, controls: FloatArray) -> FloatArray:
+    def states(
+        self, state: FloatArray, controls: FloatArray, model: mujoco.MjModel | None = None
+    ) -> FloatArray:
         """Run one rollout and return its full physics states at the time points.
 
         :param state: shape (nstate,)
         :param controls: shape (T * substeps, nu)
+        :param model: of this rollout; None: the executor's
         :return: shape (T, nstate)
         """
-        return self._rollout(state[None], controls[None])[0][0, self.substeps - 1 :: self.substeps]
+        own = None if model is None else [model]
+        every_step = self._rollout(state[None], controls[None], own)[0][0]
+        return every_step[self.substeps - 1 :: self.substeps]
 
     def _log(self, states: NDArray[np.float64], data: NDArray[np.float64]) -> SensorLog:
         n, steps, _ = data.shape

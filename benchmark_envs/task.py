@@ -34,7 +34,8 @@ class Rollouts:
     :param terms: the reward's terms by name, each of shape (N,); they add up to the reward
     :param paths: positions of moved objects by name, each of shape (N, T, 2 or 3) in m
     :param step_rewards: where the reward is a sum over time, its summands, shape (N, T)
-    :param outcomes: what else the task measures, by name, each of shape (N,)
+    :param outcomes: what else happened, by name, such as 1.0 for an object that was dropped and
+        0.0 for one that was not, each of shape (N,); they are no part of the reward
     """
 
     contexts: FloatArray

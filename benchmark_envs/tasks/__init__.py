@@ -2,7 +2,8 @@
 
 from benchmark_envs.tasks.aperture import ApertureTask
 from benchmark_envs.tasks.bottles import BottlesTask
+from benchmark_envs.tasks.pick_and_place import PickAndPlaceTask
 from benchmark_envs.tasks.pouring import PouringTask
 from benchmark_envs.tasks.push import PushTask
 
-__all__ = ["ApertureTask", "BottlesTask", "PouringTask", "PushTask"]
+__all__ = ["ApertureTask", "BottlesTask", "PickAndPlaceTask", "PouringTask", "PushTask"]
