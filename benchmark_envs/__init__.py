@@ -7,8 +7,8 @@ from benchmark_envs.exceptions import (
     TaskError,
     UnknownTaskError,
 )
-from benchmark_envs.leave_one_out import leave_one_out
 from benchmark_envs.registry import make_task, register_task, task_ids
+from benchmark_envs.splits import extrapolation, leave_one_out
 from benchmark_envs.task import Rollouts, Task
 from benchmark_envs.tasks import (
     ApertureTask,
@@ -35,6 +35,7 @@ __all__ = [
     "TrajectoryEnv",
     "TrajectoryVecEnv",
     "UnknownTaskError",
+    "extrapolation",
     "leave_one_out",
     "make_task",
     "register_task",

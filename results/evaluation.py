@@ -79,6 +79,7 @@ class GreedyEvaluation(Evaluation):
         self.changes_only = changes_only
         self._evaluated = b""
         self._greedy: Rollouts | None = None
+        self._first: Rollouts | None = None
         self._best: tuple[float, bool] = (-np.inf, False)
         self._any_success = False
 
@@ -96,8 +97,8 @@ class GreedyEvaluation(Evaluation):
         return {name: [row[name] for row in rows] for name in CURVE_COLUMNS}
 
     def record(self) -> dict[str, Any]:
-        """Return the curve and the last greedy rollout."""
-        return {
+        """Return the curve and the last greedy rollout, and the one before any rollout."""
+        record = {
             "curve": self.curve,
             "greedy": {
                 "context": self.context.round(5).tolist(),
@@ -105,6 +106,9 @@ class GreedyEvaluation(Evaluation):
                 "executed": self.greedy.executed[0].round(5).tolist(),
             },
         }
+        if self.from_start and self._first is not None:
+            record["untrained"] = {"trajectory": self._first.trajectories[0].round(5).tolist()}
+        return record
 
     def _on_step(self) -> bool:
         for reward, info in zip(self.locals["rewards"], self.locals["infos"], strict=True):
@@ -147,6 +151,8 @@ class GreedyEvaluation(Evaluation):
             trajectory = np.asarray(action)
             if trajectory.tobytes() != self._evaluated:
                 self._greedy = self.task.simulate(self.context, trajectory)
+                if self._first is None:
+                    self._first = self._greedy
                 self._evaluated = trajectory.tobytes()
         self.rows[-1] |= {
             "greedy_reward": float(self.greedy.rewards[0]),

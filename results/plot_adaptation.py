@@ -1,5 +1,6 @@
-"""Plots of adaptation to held-out targets (thesis, Fig. 5.6 b)."""
+"""Plots of adaptation to held-out contexts (thesis, Fig. 5.6 b)."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -10,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from results.adaptation import KINDS, UNITS
+from benchmark_envs import extrapolation, make_task
+from results.adaptation import KINDS, kind_of, yardstick
 from results.exceptions import BenchmarkError
 from results.plot import line_style, logarithmic_from_zero, task_slug
 
@@ -44,27 +46,37 @@ def adaptation_curves(
     :param labels: the algorithms in the order of the legend
     :param references: published errors of shape (runs, updates), by kind of target
     """
-    figure = Figure(figsize=(11, 5.4), layout="constrained")
-    panels = figure.subplots(1, 2, sharey=True)
+    unknown = pd.Series(math.nan, curves.index)
+    beyond = curves["extrapolation"] if "extrapolation" in curves else unknown
+    pairs = zip(curves["target"], beyond, strict=True)
+    curves = curves.assign(kind=[kind_of(*pair) for pair in pairs])
+    kinds = sorted(set(curves["kind"]))
+    n_columns = min(len(kinds), 3)
+    n_rows = math.ceil(len(kinds) / n_columns)
+    size = (max(5.5 * n_columns, 7.0), 4.4 * n_rows + 1.0)
+    figure = Figure(figsize=size, layout="constrained")
+    panels = figure.subplots(n_rows, n_columns, sharey=True, squeeze=False)
     task = str(curves["task"].iloc[0])
+    unit = yardstick(task).unit
     handles: dict[str, Artist] = {}
-    for axes, (kind, extrapolation) in zip(panels, KINDS.items(), strict=True):
-        chosen = curves.loc[curves["extrapolation"] == extrapolation]
+    for axes in panels.flat[len(kinds) :]:
+        axes.set_visible(False)
+    for axes, kind in zip(panels.flat, kinds, strict=False):
+        chosen = curves.loc[curves["kind"] == kind]
         _draw_panel(axes, chosen, labels)
         if kind in references:
             _draw_reference(axes, references[kind])
-        targets = ", ".join(str(target) for target in sorted(set(chosen["target"])))
-        axes.set(title=f"{kind}: targets {targets or 'none'}", xlabel="rollouts", yscale="log")
+        axes.set(title=_panel_title(task, kind, chosen), xlabel="rollouts")
+        _scale_errors(axes, curves)
         _scale_rollouts(axes, curves)
         axes.grid(alpha=0.25)
         axes.spines[["top", "right"]].set_visible(False)
         found, names = axes.get_legend_handles_labels()
         handles |= dict(zip(names, found, strict=True))
-    panels[0].set_ylabel(
-        "error of the greedy policy" + (f" [{UNITS[task]}]" if task in UNITS else "")
-    )
+    for axes in panels[:, 0]:
+        axes.set_ylabel("error of the greedy policy" + (f" [{unit}]" if unit else ""))
     figure.suptitle(
-        f"{task}: adaptation to a held-out target; median and quartiles over targets and seeds"
+        f"{task}: adaptation to a held-out context; median and quartiles over contexts and seeds"
     )
     names = sorted(handles, key=lambda name: list([*labels, name]).index(name))
     figure.legend(
@@ -92,7 +104,7 @@ def read_reference(path: Path) -> tuple[str, NDArray[np.float64]]:
     """Return the kind of target that a file of published errors is about, and the errors.
 
     :param path: of a .npy file of shape (runs, updates); signs do not matter
-    :return: a key of `results.adaptation.KINDS`, and errors of shape (runs, updates)
+    :return: one of `results.adaptation.KINDS`, and errors of shape (runs, updates)
     :raises BenchmarkError: not such a file, or its name does not tell the kind
     """
     kinds = [kind for kind in KINDS if kind in path.stem]
@@ -108,6 +120,25 @@ def read_reference(path: Path) -> tuple[str, NDArray[np.float64]]:
             f"name must hold one of {', '.join(KINDS)}."
         )
     return kinds[0], errors
+
+
+def _panel_title(task: str, kind: str, curves: pd.DataFrame) -> str:
+    """Return which contexts a panel is about."""
+    if kind in KINDS:
+        return f"{kind}: targets {', '.join(str(t) for t in sorted(set(curves['target'])))}"
+    _, context = extrapolation(task, int(curves["target"].iloc[0]))
+    names = make_task(task).context_names
+    return ", ".join(f"{name} {value:g}" for name, value in zip(names, context, strict=True))
+
+
+def _scale_errors(axes: Axes, curves: pd.DataFrame) -> None:
+    """Make the errors' axis logarithmic; where runs reach no error at all, linear near it."""
+    errors = -curves["greedy_reward"].to_numpy(float)
+    if (errors > 0).all():
+        axes.set_yscale("log")
+    else:
+        axes.set_yscale("symlog", linthresh=float(np.quantile(errors[errors > 0], 0.05)))
+        axes.set_ylim(bottom=0.0)
 
 
 def _scale_rollouts(axes: Axes, curves: pd.DataFrame) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecEnv
 
-from benchmark_envs import Task, TrajectoryVecEnv, leave_one_out, make_task
+from benchmark_envs import Task, TrajectoryVecEnv, extrapolation, leave_one_out, make_task
 from results.evaluation import Evaluation, GreedyEvaluation
 from results.exceptions import BenchmarkError
 from results.stream_evaluation import StreamEvaluation
@@ -93,8 +93,36 @@ class OneContext(Protocol):
         return f"{solved}, greedy reward {curve['greedy_reward'][-1]:.4f}"
 
 
+class Adaptation(Protocol):
+    """Adapt to one numbered context after demonstrations of others."""
+
+    target: int
+
+    @abstractmethod
+    def split(self, task_id: str) -> tuple[FloatArray, FloatArray]:
+        """Return the contexts to demonstrate, shape (K, C), and the one to adapt to, shape (C,).
+
+        :param task_id: of the task
+        """
+
+    def prepare(self, run: "RunSpecification", on_rollouts: OnRollouts | None = None) -> Scene:
+        """See `Protocol.prepare`."""
+        task, settings = single_threaded(run)
+        contexts, held_out = self.split(run.task)
+        evaluation = GreedyEvaluation(
+            task, held_out, on_rollouts, from_start=run.algorithm.pretrained, changes_only=True
+        )
+        demonstrations = Demonstrations.from_task(task, contexts)
+        return Scene(_environments(run, settings, held_out), evaluation, demonstrations)
+
+    def headline(self, curve: Mapping[str, list[Any]]) -> str:
+        """See `Protocol.headline`."""
+        solved = "solved" if curve["greedy_success"][-1] else "not solved"
+        return f"{solved}, greedy error {-curve['greedy_reward'][-1]:.4f}"
+
+
 @dataclass(frozen=True)
-class LeaveOneOut(Protocol):
+class LeaveOneOut(Adaptation):
     """Adapt to one of a task's numbered targets after demonstrations at all others (thesis 5.2.2).
 
     :param target: the number of the target that is held out
@@ -111,20 +139,30 @@ class LeaveOneOut(Protocol):
         """The target."""
         return {"target": self.target, "extrapolation": self.extrapolation}
 
-    def prepare(self, run: "RunSpecification", on_rollouts: OnRollouts | None = None) -> Scene:
-        """See `Protocol.prepare`."""
-        task, settings = single_threaded(run)
-        contexts, held_out = leave_one_out(run.task, self.target)
-        evaluation = GreedyEvaluation(
-            task, held_out, on_rollouts, from_start=run.algorithm.pretrained, changes_only=True
-        )
-        demonstrations = Demonstrations.from_task(task, contexts)
-        return Scene(_environments(run, settings, held_out), evaluation, demonstrations)
+    def split(self, task_id: str) -> tuple[FloatArray, FloatArray]:
+        """See `Adaptation.split`."""
+        return leave_one_out(task_id, self.target)
 
-    def headline(self, curve: Mapping[str, list[Any]]) -> str:
-        """See `Protocol.headline`."""
-        solved = "solved" if curve["greedy_success"][-1] else "not solved"
-        return f"{solved}, greedy error {-curve['greedy_reward'][-1]:.4f}"
+
+@dataclass(frozen=True)
+class Extrapolation(Adaptation):
+    """Adapt to a context far from a task's set of demonstrations (thesis 5.2.4).
+
+    :param target: the number of the context
+    """
+
+    target: int
+
+    name: ClassVar[str] = "extrapolation"
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """The context's number."""
+        return {"target": self.target}
+
+    def split(self, task_id: str) -> tuple[FloatArray, FloatArray]:
+        """See `Adaptation.split`."""
+        return extrapolation(task_id, self.target)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from rich.console import Group
 from results.adaptation import adaptation_frame, adaptation_tables, summarise_adaptation
 from results.aggregate import summarise
 from results.exceptions import BenchmarkError
-from results.protocols import LeaveOneOut, OneContext, Protocol, Stream
+from results.protocols import Extrapolation, LeaveOneOut, OneContext, Protocol, Stream
 from results.records import Record, curves_frame, runs_frame
 from results.streams import stream_frame, stream_tables, summarise_stream
 from results.table import markdown_table, terminal_table
@@ -132,12 +132,10 @@ class TextReport(Report):
 
 
 class AdaptationReport(TextReport):
-    """Adaptation to held-out targets.
+    """Adaptation to held-out contexts.
 
     :param references: .npy files of published curves
     """
-
-    protocol = LeaveOneOut
 
     def __init__(self, references: Sequence[Path] = ()) -> None:
         self.references = tuple(references)
@@ -163,9 +161,21 @@ class AdaptationReport(TextReport):
         references = dict(read_reference(path) for path in self.references)
         return adaptation_figures(curves_frame(records), labels, references)
 
-    def with_references(self, files: Sequence[Path]) -> "AdaptationReport":
+
+class LeaveOneOutReport(AdaptationReport):
+    """Adaptation to targets between and beyond the demonstrated ones."""
+
+    protocol = LeaveOneOut
+
+    def with_references(self, files: Sequence[Path]) -> "LeaveOneOutReport":
         """See `Report.with_references`."""
-        return AdaptationReport(files)
+        return LeaveOneOutReport(files)
+
+
+class ExtrapolationReport(AdaptationReport):
+    """Adaptation to contexts far from a set of demonstrations."""
+
+    protocol = Extrapolation
 
 
 class StreamReport(TextReport):
@@ -194,7 +204,12 @@ class StreamReport(TextReport):
         return stream_figures(curves_frame(records), labels)
 
 
-REPORTS: tuple[Report, ...] = (OneContextReport(), AdaptationReport(), StreamReport())
+REPORTS: tuple[Report, ...] = (
+    OneContextReport(),
+    LeaveOneOutReport(),
+    ExtrapolationReport(),
+    StreamReport(),
+)
 
 
 def report_for(records: Sequence[Record]) -> Report:

@@ -5,9 +5,11 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from benchmark_envs.tasks.pick_and_place_expert import EXTRAPOLATION_CONTEXTS as TALL
+from benchmark_envs.tasks.pouring import EXTRAPOLATION_CONTEXTS as FULL
 from benchmark_envs.tasks.push import EXTRAPOLATION_TARGETS, TARGETS
 from results.exceptions import BenchmarkError
-from results.protocols import LeaveOneOut, OneContext, Protocol, Stream
+from results.protocols import Extrapolation, LeaveOneOut, OneContext, Protocol, Stream
 from results.specification import Algorithm, RunSpecification, Suite
 from sb3_nmp.acnmp import Exploration
 from sb3_nmp.common.cnmp import CNMPSettings, PretrainingSettings
@@ -86,6 +88,27 @@ PUSH_ALGORITHMS: dict[str, Algorithm] = {
 
 def _acnmp(**settings: object) -> Algorithm:
     return replace(_ACNMP, settings=settings)
+
+
+# Extrapolation beyond a set of demonstrations (thesis 5.2.4). With a handful of rollouts in all,
+# each one is chosen by all before it, and the Gaussians are fitted to as few as they can be.
+_CMAES = PUSH_ALGORITHMS["CMA-ES context"]
+POURING_ALGORITHMS: dict[str, Algorithm] = {
+    "ACNMP": _acnmp(population_size=1),
+    "CMA-ES context": _CMAES,
+    "ProMP+RL (Stark)": replace(
+        PUSH_ALGORITHMS["ProMP+RL (Stark)"], settings={"population_size": 6}, budget=None
+    ),
+    "ProMP+RL (Ewerton)": replace(_EWERTON, settings={"population_size": 6}),
+    "REPS": replace(ALGORITHMS["REPS"], settings={"population_size": 6}),
+    "DREPS": replace(ALGORITHMS["DREPS"], settings={"population_size": 6}),
+    "RC-NMP": replace(PUSH_ALGORITHMS["RC-NMP"], settings={"pd_controller": None}),
+}
+PICK_ALGORITHMS: dict[str, Algorithm] = {
+    label: replace(PUSH_ALGORITHMS[label], budget=None)
+    for label in PUSH_ALGORITHMS
+    if label != "CMA-ES residual"
+} | {"ACNMP": POURING_ALGORITHMS["ACNMP"]}
 
 
 # ACNMP without one of its elements, or with the thesis's or the original code's choice instead.
@@ -167,6 +190,8 @@ class Recipe:
 BOTTLES: dict[str, dict[str, object]] = {"nmp/Bottles-v0": {}}
 PUSH: dict[str, dict[str, object]] = {"nmp/Push-v0": {}}
 APERTURE: dict[str, dict[str, object]] = {"nmp/Aperture-v0": {}}
+POURING: dict[str, dict[str, object]] = {"nmp/Pouring-v0": {}}
+PICK: dict[str, dict[str, object]] = {"nmp/PickAndPlace-v0": {}}
 HELD_OUT = tuple(LeaveOneOut(t, t in EXTRAPOLATION_TARGETS) for t in range(len(TARGETS)))
 
 SUITES: dict[str, Recipe] = {
@@ -186,6 +211,22 @@ SUITES: dict[str, Recipe] = {
         10_000,
         5,
         (Stream(),),
+    ),
+    "pouring": Recipe(
+        "pouring amounts far beyond the demonstrated ones",
+        POURING_ALGORITHMS,
+        POURING,
+        18,
+        10,
+        tuple(Extrapolation(target) for target in range(len(FULL))),
+    ),
+    "pick-and-place": Recipe(
+        "objects and towers taller than the demonstrated ones",
+        PICK_ALGORITHMS,
+        PICK,
+        100,
+        10,
+        tuple(Extrapolation(target) for target in range(len(TALL))),
     ),
     "aperture-ablations": Recipe(
         "ACNMP without one of its elements, apertures",

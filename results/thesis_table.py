@@ -100,7 +100,8 @@ def _push_cells(runs: pd.DataFrame | None) -> dict[str, tuple[Cell, ...]]:
     summary = summarise_adaptation(runs, labels)
     extrapolation = summary.loc[summary["kind"] == "extrapolation"]
     by_label = {str(row["label"]): row for row in extrapolation.to_dict("records")}
-    return {name: tuple(_push_cell(by_label[label]) for label in labels)}
+    missing = {"reason": NOT_RUN}
+    return {name: tuple(_push_cell(by_label.get(label, missing)) for label in labels)}
 
 
 def _push_cell(row: Mapping[Any, Any]) -> Cell:

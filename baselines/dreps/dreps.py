@@ -14,6 +14,7 @@ from baselines.reps.gaussian import FloatArray, LinearGaussian
 from baselines.reps.policies import GaussianPrimitivePolicy
 from baselines.reps.reps import REPS
 from baselines.reps.samples import Samples
+from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.pd_controller import PDController
 
@@ -44,6 +45,7 @@ class DREPS(REPS):
     :param sample_generations: see `REPS`
     :param shrinkage: see `REPS`
     :param min_sigma: see `REPS`
+    :param demonstrations: see `REPS`
     :param policy_kwargs: further arguments of the policy
     :param stats_window_size: rollouts over which the logged success rate and reward are averaged
     :param tensorboard_log: folder for TensorBoard; None switches it off
@@ -73,6 +75,7 @@ class DREPS(REPS):
         sample_generations: int = 3,
         shrinkage: float = 1.0,
         min_sigma: float | tuple[float, ...] = 0.005,
+        demonstrations: Demonstrations | None = None,
         policy_kwargs: dict[str, Any] | None = None,
         stats_window_size: int = 100,
         tensorboard_log: str | None = None,
@@ -96,6 +99,7 @@ class DREPS(REPS):
             sample_generations=sample_generations,
             shrinkage=shrinkage,
             min_sigma=min_sigma,
+            demonstrations=demonstrations,
             policy_kwargs=policy_kwargs,
             stats_window_size=stats_window_size,
             tensorboard_log=tensorboard_log,

@@ -20,6 +20,7 @@ from benchmark_envs.rendering import draw
 from benchmark_envs.task import BoolArray, FloatArray, Rollouts, Task
 from benchmark_envs.tasks.pick_and_place_expert import (
     CLOSING,
+    EXTRAPOLATION_CONTEXTS,
     GRASP_DEPTH,
     HALF_OBJECT,
     HALF_TOWER,
@@ -29,6 +30,7 @@ from benchmark_envs.tasks.pick_and_place_expert import (
     PLACE,
     TOOL_LENGTH,
     TOWER,
+    demonstration_contexts,
     inverse_kinematics,
     needed_height,
     tool_path,
@@ -97,6 +99,9 @@ class PickAndPlaceTask(Task):
     # Less than 2 degrees of the joints that raise and lower the tool, and a third of that of the
     # others: with smooth noise of 0.5, 1 and 2 degrees the expert succeeds in 99, 72 and 16 %.
     exploration_scale: ClassVar[tuple[float, ...]] = (0.01, 0.03, 0.03, 0.03, 0.01, 0.01)
+    #: for `extrapolation`, shapes (8, 2) and (2, 2) in m
+    demonstrated_contexts: ClassVar[FloatArray] = demonstration_contexts()
+    extrapolation_contexts: ClassVar[FloatArray] = EXTRAPOLATION_CONTEXTS
 
     def __init__(self, n_threads: int | None = None) -> None:
         self.context_space = spaces.Box(LOW.astype(np.float32), HIGH.astype(np.float32))

@@ -100,6 +100,9 @@ class PouringTask(Task):
     context_names: ClassVar[tuple[str, ...]] = ("initial amount [g]", "amount to pour [g]")
     trajectory_names: ClassVar[tuple[str, ...]] = ("wrist angle [rad]",)
     exploration_scale: ClassVar[tuple[float, ...]] = (0.1,)
+    #: for `extrapolation`, shapes (16, 2) and (6, 2) in g
+    demonstrated_contexts: ClassVar[FloatArray] = demonstration_contexts()
+    extrapolation_contexts: ClassVar[FloatArray] = EXTRAPOLATION_CONTEXTS
 
     def __init__(self, n_threads: int | None = None) -> None:
         self.context_space = spaces.Box(
