@@ -81,8 +81,10 @@ def adaptation_frame(records: Iterable[Record]) -> pd.DataFrame:
     return pd.DataFrame([_run_row(record) for record in records], columns=[*columns, *names])
 
 
-def error_after(curve: Mapping[str, Sequence[Any]], rollouts: int, budget: int) -> float:
-    """Return minus the greedy reward that a run's first rollouts gave, NaN where there is none.
+def error_after(
+    curve: Mapping[str, Sequence[Any]], rollouts: int, budget: int, column: str = "greedy_reward"
+) -> float:
+    """Return minus the reward that a run's first rollouts gave, NaN where there is none.
 
     >>> error_after({"rollouts": [0, 5, 20], "greedy_reward": [-3.0, -2.0, -1.0]}, 10, 20)
     2.0
@@ -90,11 +92,12 @@ def error_after(curve: Mapping[str, Sequence[Any]], rollouts: int, budget: int) 
     :param curve: of the run; a row holds until the next one
     :param rollouts: how many
     :param budget: of the run
+    :param column: the greedy policy's reward, or ``"best_reward"``, the best rollout's
     """
     row = int(np.searchsorted(curve["rollouts"], rollouts, side="right")) - 1
     if row < 0 or rollouts > budget:
         return math.nan
-    return -float(curve["greedy_reward"][row])
+    return -float(curve[column][row])
 
 
 def summarise_adaptation(runs: pd.DataFrame, labels: Iterable[str] | None = None) -> pd.DataFrame:

@@ -10,6 +10,7 @@ from results.records import Record, read_records
 from results.suites import SUITES, known_algorithms, make_suite, parse_seeds
 
 RUNS = Path("results/runs")
+THESIS_TABLES = ("table-5.1", "table-5.2")
 USAGE_ERROR, INTERRUPTED = 2, 130
 EXIT_STATUS = (
     "exit status: 0 done (failed runs are listed, kept with their reason, and tried again next "
@@ -106,9 +107,10 @@ def _add_table(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "name",
         nargs="?",
-        choices=["table-5.1"],
-        help="a table of the thesis beside ours, from the suites push and aperture; --runs is then "
-        "the folder of the suites' folders (default: results/runs)",
+        choices=THESIS_TABLES,
+        help="a table of the thesis beside ours: 5.1 from the suites push and aperture, 5.2 from "
+        "pick-and-place and pouring; --runs is then the folder of the suites' folders (default: "
+        "results/runs)",
     )
 
 
@@ -184,12 +186,13 @@ def _thesis_table(options: argparse.Namespace) -> int:
     from rich.console import Console
 
     from results.text_table import markdown_page, terminal_page
-    from results.thesis_table import table_5_1
+    from results.thesis_table_5_1 import table_5_1
+    from results.thesis_table_5_2 import table_5_2
 
     if options.suite is not None:
         raise BenchmarkError(f"{options.name} has suites of its own; leave out --suite.")
     folder = options.runs or RUNS
-    page = table_5_1(folder)
+    page = dict(zip(THESIS_TABLES, (table_5_1, table_5_2), strict=True))[options.name](folder)
     path = folder / f"{options.name}.md"
     path.write_text(markdown_page(*page), encoding="utf-8")
     console = Console(highlight=False)

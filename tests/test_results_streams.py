@@ -20,7 +20,7 @@ from results.specification import Algorithm
 from results.streams import mean_interval, stream_frame, stream_tables, summarise_stream
 from results.suites import Recipe
 from results.text_table import markdown_page
-from results.thesis_table import table_5_1
+from results.thesis_table_5_1 import table_5_1
 from tests.results_fakes import TARGET_TASK, target_task
 
 TASK = "nmp/Aperture-v0"

@@ -55,7 +55,7 @@ def table_5_1(folder: Path) -> tuple[list[TextTable], list[Section]]:
     if push is None and aperture is None:
         raise BenchmarkError(
             f"'{folder}' holds no runs of the suites push and aperture; make them with "
-            f"'{_command(folder, 'push')}' and '{_command(folder, 'aperture')}'."
+            f"'{command(folder, 'push')}' and '{command(folder, 'aperture')}'."
         )
     cells = _push_cells(push) | _aperture_cells(aperture)
     rows = tuple(((name, ""), *published, *cells[name]) for name, published in PUBLISHED.items())
@@ -140,10 +140,14 @@ def _missing(folder: Path, cells: Mapping[str, Sequence[Cell]]) -> list[str]:
         if any(cell[0] in (NOT_RUN, FAILED) for cell in row)
     }
     suites = {"pushing": "push", "aperture": "aperture"}
-    return [f"{what}: {_command(folder, suites[what])}" for what in suites if what in empty]
+    return [f"{what}: {command(folder, suites[what])}" for what in suites if what in empty]
 
 
-def _command(folder: Path, suite: str) -> str:
-    """Return the command that makes a suite's runs."""
+def command(folder: Path, suite: str) -> str:
+    """Return the command that makes a suite's runs.
+
+    :param folder: that holds the suites' folders
+    :param suite: its name
+    """
     default = folder == Path("results/runs")
     return f"nmp-bench run --suite {suite}" + ("" if default else f" --out {folder / suite}")

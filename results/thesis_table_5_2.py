@@ -1,0 +1,145 @@
+"""The thesis's Table 5.2 beside our numbers, from the suites pick-and-place and pouring."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark_envs import extrapolation, make_task
+from results.adaptation import adaptation_frame, adaptation_tables, error_after, error_text
+from results.exceptions import BenchmarkError
+from results.protocols import Extrapolation
+from results.records import Record, read_records
+from results.suites import make_suite
+from results.text_table import NOT_APPLICABLE, Cell, Section, TextTable
+from results.thesis_table_5_1 import OURS, command
+
+SUITES = ("pick-and-place", "pouring")
+PICK, POURING = "nmp/PickAndPlace-v0", "nmp/Pouring-v0"
+#: which trajectory of a record is whose, and which row of its curve tells of it
+METHODS = {"CNMP": ("untrained", 0), OURS: ("greedy", -1)}
+
+#: mean joint errors in degrees, by method and number of the context (thesis, Table 5.2, left)
+PUBLISHED_JOINT_ERRORS = {
+    ("CNMP", 0): (1.038, 2.325, 8.879, 8.094, 0.360, 0.830),
+    (OURS, 0): (0.889, 1.589, 4.668, 3.465, 0.845, 0.861),
+    ("CNMP", 1): (1.861, 5.380, 17.978, 14.894, 0.590, 1.386),
+    (OURS, 1): (0.994, 0.507, 1.780, 1.514, 0.814, 1.007),
+}
+#: errors in g of rollouts 1 to 18 in one run (thesis, Table 5.2, right)
+PUBLISHED_POURING = (
+    591, 447, 435, 175, 511, 604, 305, 42, 417, 284, 144, 194, 367, 364, 79, 177, 133, 27,
+)  # fmt: skip
+NOTES = (
+    "joint errors: mean absolute difference from the expert's trajectory over the whole time in "
+    "degrees, mean over seeds; the thesis's figure in parentheses. The expert here is ours, so "
+    "compare CNMP with ACNMP, not number by number with the thesis. solved: runs whose trajectory "
+    "carries the object over the tower and puts it down, after the budget of the suite.",
+    "pouring: the thesis's column is the error of each rollout of its one run; ours is that of "
+    "the best of so many rollouts, median and worst over seeds.",
+)
+
+
+def table_5_2(folder: Path) -> tuple[list[TextTable], list[Section]]:
+    """Return both halves of the table, the tables of the suites by algorithm, and notes.
+
+    :param folder: that holds the suites' folders ``pick-and-place`` and ``pouring``
+    :raises BenchmarkError: neither holds any run, or one holds runs of another protocol
+    """
+    records = {suite: _records(folder, suite) for suite in SUITES}
+    missing = [command(folder, suite) for suite in SUITES if not records[suite]]
+    if len(missing) == len(SUITES):
+        raise BenchmarkError(
+            f"'{folder}' holds no runs of the suites {' and '.join(SUITES)}; make them with "
+            f"'{missing[0]}' and '{missing[1]}'."
+        )
+    ours = {suite: [r for r in found if _is_ours(r)] for suite, found in records.items()}
+    tables: list[TextTable] = []
+    if ours["pick-and-place"]:
+        tables.append(joint_errors(ours["pick-and-place"]))
+    if ours["pouring"]:
+        tables.append(pouring_errors(ours["pouring"]))
+    sections: list[Section] = [("Missing runs", missing, "red"), ("Notes", NOTES, "dim")]
+    for suite, found in records.items():
+        if found:
+            by_label, more = adaptation_tables(adaptation_frame(found), make_suite(suite).labels)
+            tables += by_label
+            sections += [
+                (f"{title} of the suite {suite}", lines, how) for title, lines, how in more
+            ]
+    return tables, sections
+
+
+def joint_errors(records: Sequence[Record]) -> TextTable:
+    """Return the left half: joint errors of CNMP and ACNMP in degrees.
+
+    :param records: finished runs of ACNMP on pick-and-place
+    """
+    task = make_task(PICK)
+    joints = [name.removesuffix(" [rad]") for name in task.trajectory_names]
+    rows = []
+    for target in sorted({record["specification"]["target"] for record in records}):
+        runs = [record for record in records if record["specification"]["target"] == target]
+        _, context = extrapolation(PICK, target)
+        heights = " and ".join(f"{100 * height:g}" for height in context)
+        for method, (key, row) in METHODS.items():
+            found = np.array([record[key]["trajectory"] for record in runs])
+            mean = mean_joint_errors(found, task.demonstrate(context))
+            published = PUBLISHED_JOINT_ERRORS[method, target]
+            cells: list[Cell] = [
+                (f"{here:.2f}", f"({there:.2f})")
+                for here, there in zip(mean, published, strict=True)
+            ]
+            n_solved = sum(record["curve"]["greedy_success"][row] for record in runs)
+            solved = (f"{n_solved}/{len(runs)}", "")
+            rows.append(((method, f"{heights} cm"), solved, *cells))
+    header = ("", "solved", *joints)
+    return TextTable("Table 5.2, left: joint errors in degrees, here (thesis)", header, tuple(rows))
+
+
+def mean_joint_errors(
+    trajectories: NDArray[np.float64], expert: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return mean absolute differences over runs and time in degrees, shape (D,).
+
+    :param trajectories: shape (N, T, D) in rad
+    :param expert: shape (T, D) in rad
+    """
+    return np.degrees(np.abs(trajectories - expert).mean(axis=(0, 1)))
+
+
+def pouring_errors(records: Sequence[Record]) -> TextTable:
+    """Return the right half: the error of pouring in g by rollout.
+
+    :param records: finished runs of ACNMP on pouring; only context 0, the thesis's, is shown
+    """
+    runs = [record for record in records if record["specification"]["target"] == 0]
+    rows: list[tuple[Cell, ...]] = []
+    for count, published in enumerate(PUBLISHED_POURING, start=1):
+        errors = [
+            error_after(record["curve"], count, record["specification"]["budget"], "best_reward")
+            for record in runs
+        ]
+        known = np.array(errors, np.float64)
+        here = NOT_APPLICABLE if not len(known) else error_text(float(np.median(known)))
+        worst = "" if not len(known) else f"(worst {error_text(float(known.max()))})"
+        rows.append(((str(count), ""), (str(published), ""), (here, worst)))
+    header = ("rollouts", "thesis [g]", "here [g]")
+    title = f"Table 5.2, right: error in pouring 1322 of 1400 g, {len(runs)} seeds here"
+    return TextTable(title, header, tuple(rows))
+
+
+def _records(folder: Path, suite: str) -> list[Record]:
+    found = read_records(folder / suite)
+    others = {record["specification"]["protocol"]["name"] for record in found}
+    if others - {Extrapolation.name}:
+        raise BenchmarkError(
+            f"'{folder / suite}' holds runs of the protocol {', '.join(sorted(others))}; "
+            f"Table 5.2 needs {Extrapolation.name} runs of the suite {suite}."
+        )
+    return found
+
+
+def _is_ours(record: Record) -> bool:
+    return record["outcome"] == "finished" and record["specification"]["label"] == OURS
