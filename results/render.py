@@ -16,6 +16,7 @@ from results.suites import find_label, known_algorithms
 
 ENDINGS = (".gif", ".mp4", ".png")
 SHEET = (2, 4)  # rows and columns of pictures
+GAP = 6  # pixels of white between them
 
 Frames = list[NDArray[np.uint8]]
 
@@ -106,8 +107,10 @@ def write_frames(frames: Frames, out: Path) -> None:
     elif out.suffix == ".png":
         rows, columns = SHEET
         chosen = np.linspace(0, len(frames) - 1, rows * columns).round().astype(int)
-        lines = np.split(np.array([frames[i] for i in chosen]), rows)
-        Image.fromarray(np.vstack([np.hstack(list(line)) for line in lines])).save(out)
+        margins = ((0, 0), (0, GAP), (0, GAP), (0, 0))
+        spaced = np.pad(np.array([frames[i] for i in chosen]), margins, constant_values=255)
+        sheet = np.vstack([np.hstack(list(line)) for line in np.split(spaced, rows)])
+        Image.fromarray(sheet[:-GAP, :-GAP]).save(out)
     else:
         try:
             imageio = import_module("imageio.v3")

@@ -14,7 +14,7 @@ from results.cli import main
 from results.exceptions import BenchmarkError
 from results.plot import enlarged_limits, learning_curves
 from results.records import curves_frame, read_records, runs_frame
-from results.render import RenderRequest, chosen_rollout, write_frames
+from results.render import GAP, RenderRequest, chosen_rollout, write_frames
 from results.specification import Algorithm, plain
 from results.suites import SUITES, Recipe, make_suite, parse_seeds
 from results.table import markdown_table, terminal_table
@@ -127,7 +127,7 @@ def test_pictures_of_a_rollout_become_a_film_or_a_sheet(tmp_path: Path):
     frames = [np.full((30, 40, 3), 5 * i, np.uint8) for i in range(50)]
     write_frames(frames, tmp_path / "film.gif")
     write_frames(frames, tmp_path / "sheet.png")
-    assert imread(tmp_path / "sheet.png").shape[:2] == (60, 160)
+    assert imread(tmp_path / "sheet.png").shape[:2] == (60 + GAP, 160 + 3 * GAP)
     with Image.open(tmp_path / "film.gif") as film:
         assert getattr(film, "n_frames", 1) == 50
 

@@ -1,24 +1,26 @@
 """Speed of the simulator and of training, as ratios within one run.
 
 Run it alone on an idle machine: ``python -m results.experiments.speed``. It prints a Markdown
-table: the batched executor against a Python loop over the same model, and RC-NMP's training
-against the original code's batches of one trajectory with one target point.
+table: the batched executor against a Python loop over the same model, RC-NMP's training against the
+original code's batches of one trajectory with one target point, and all tasks on 1 and 2 threads.
 """
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import mujoco
 import numpy as np
 import torch as th
 
-from benchmark_envs import make_task
+from benchmark_envs import make_task, task_ids
 from benchmark_envs.executor import available_cores
 from benchmark_envs.tasks.bottles import BottlesTask
 from sb3_nmp import RCNMP, SmoothNoise, TrainingSettings
 
 N_ROLLOUTS = 128
+N_DEMONSTRATED = 32  # rollouts of each task
 REPEATS = 5
 
 
@@ -73,6 +75,21 @@ def simulator_rows() -> list[tuple[str, float, str]]:
     return [(name, rate(N_ROLLOUTS, work), "rollouts/s") for name, work in rows]
 
 
+def task_rows() -> list[tuple[str, float, str]]:
+    """Time every task's demonstrated trajectories in drawn contexts, on 1 and 2 threads."""
+    rows = []
+    for task_id in task_ids():
+        rng = np.random.default_rng(0)
+        task = make_task(task_id)
+        contexts = np.stack([task.sample_context(rng) for _ in range(N_DEMONSTRATED)])
+        shown = np.stack([task.demonstrate(context) for context in contexts])
+        for n_threads in (1, 2):
+            threaded = make_task(task_id, n_threads=n_threads)
+            speed = rate(N_DEMONSTRATED, partial(threaded.simulate, contexts, shown))
+            rows.append((f"{task_id}, {n_threads} threads", speed, f"rollouts/s of {task_id}"))
+    return rows
+
+
 def training_rows() -> list[tuple[str, float, str]]:
     """Time the training of the network: name, rate and unit of each."""
     n_steps, rows = 200, []
@@ -91,7 +108,7 @@ def main() -> None:
     """Print the table."""
     th.set_num_threads(1)
     print("| what | rate | unit | ratio |\n|---|---|---|---|")
-    for rows in (simulator_rows(), training_rows()):
+    for rows in (simulator_rows(), training_rows(), task_rows()):
         first: dict[str, float] = {}
         for name, value, unit in rows:
             base = first.setdefault(unit, value)
