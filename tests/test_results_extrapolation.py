@@ -1,0 +1,169 @@
+"""Adaptation far beyond a set of demonstrations: split, protocol, report and Table 5.2."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmark_envs import TaskError, extrapolation, make_task
+from results.adaptation import adaptation_frame, kind_of, yardstick
+from results.cli import main
+from results.exceptions import BenchmarkError
+from results.protocols import Extrapolation
+from results.records import Record, read_records, write_record
+from results.reports import report_for
+from results.runner import execute
+from results.specification import Algorithm, RunSpecification
+from results.thesis_table_5_2 import PICK, POURING, mean_joint_errors, table_5_2
+
+
+def record(task: str, target: int, seed: int, curve: dict[str, list[Any]]) -> Record:
+    """A finished run of ACNMP: a demonstration at first, the expert's answer at last."""
+    shown, context = extrapolation(task, target)
+    physics = make_task(task)
+    run = RunSpecification(
+        "ACNMP", Algorithm("sb3_nmp.acnmp:ACNMP"), task, seed, 18, protocol=Extrapolation(target)
+    )
+    first, last = (physics.initial_trajectory(c) for c in (shown[0], context))
+    if task == PICK:  # pouring is about amounts alone, and its expert has to simulate
+        first, last = physics.demonstrate(shown[0]), physics.demonstrate(context)
+    return {
+        "outcome": "finished",
+        "specification": run.as_dict(),
+        "provenance": {"commit": "c0ffee", "dirty": False},
+        "seconds": {"training": 1.0, "evaluation": 0.0},
+        "curve": curve,
+        "greedy": {"context": context.tolist(), "trajectory": last.tolist()},
+        "untrained": {"trajectory": first.tolist()},
+    }
+
+
+def curve(errors: list[float]) -> dict[str, list[Any]]:
+    """A curve whose error is given at 0, 1, 2, ... rollouts; below 27 is a success."""
+    rewards = [-float(error) for error in errors]
+    solved = [bool(error <= 27) for error in errors]
+    return {
+        "rollouts": list(range(len(errors))),
+        "best_reward": [None, *rewards[1:]],
+        "best_success": solved,
+        "any_success": solved,
+        "greedy_reward": list(rewards),
+        "greedy_success": solved,
+    }
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    falling = [842.0, *np.linspace(800, 5, 18)]
+    for suite, records in {
+        "pick-and-place": [record(PICK, t, s, curve([30.0, 1.0])) for t in (0, 1) for s in (0, 1)],
+        "pouring": [record(POURING, 0, s, curve([e + s for e in falling])) for s in (0, 1, 2)],
+    }.items():
+        (tmp_path / suite).mkdir()
+        for i, made in enumerate(records):
+            write_record(tmp_path / suite / f"{i}.json", made)
+    return tmp_path
+
+
+def test_the_split_holds_the_thesis_contexts() -> None:
+    shown, context = extrapolation(POURING, 0)
+    assert shown.shape == (16, 2) and context.tolist() == [1400, 1322]
+    assert shown[:, 0].min() == 850 and shown[:, 0].max() == 950
+    shown, context = extrapolation(PICK, 0)
+    assert shown.shape == (8, 2) and context.tolist() == [0.08, 0.10]
+    context[:] = 0
+    assert extrapolation(PICK, 0)[1].tolist() == [0.08, 0.10], "a copy"
+
+
+def test_the_split_names_what_exists() -> None:
+    with pytest.raises(TaskError, match=r"no extrapolation context 2; they are numbered 0 to 1"):
+        extrapolation(PICK, 2)
+    with pytest.raises(TaskError, match=r"Push-v0 has no numbered contexts to extrapolate to"):
+        extrapolation("nmp/Push-v0", 0)
+
+
+def test_a_run_is_shown_the_demonstrations_and_begins_with_the_untrained_answer() -> None:
+    short = {"pretraining": _short_pretraining(), "population_size": 1}
+    run = RunSpecification(
+        "ACNMP", Algorithm("sb3_nmp.acnmp:ACNMP", short), PICK, 3, 2, protocol=Extrapolation(1)
+    )
+    done = execute(run)
+    assert done["curve"]["rollouts"][0] == 0
+    assert done["greedy"]["context"] == [0.09, 0.11]
+    assert np.shape(done["untrained"]["trajectory"]) == (200, 6)
+    assert run.stem.endswith("pickandplace-v0_target-01_seed-003")
+    text = json.dumps(done)
+    assert len(text) < 60_000, "records are small"
+
+
+def _short_pretraining() -> object:
+    from sb3_nmp.common.cnmp import PretrainingSettings
+
+    return PretrainingSettings(n_steps=30)
+
+
+def test_each_context_has_a_table_of_its_own(folder: Path) -> None:
+    records = read_records(folder / "pick-and-place")
+    report = report_for(records)
+    text = report.markdown(report.frame(records), ["ACNMP"])
+    assert "context 0: object height [m] 0.08, tower height [m] 0.1" in text
+    assert "context 1: object height [m] 0.09, tower height [m] 0.11" in text
+    assert "error [m] at 100" in text and "worst at 100" in text
+    with pytest.raises(BenchmarkError, match="--reference has no meaning for extrapolation runs"):
+        report.with_references([Path("x.npy")])
+
+
+def test_kinds_and_yardsticks() -> None:
+    assert (kind_of(3, False), kind_of(3, float("nan"))) == ("interpolation", "context 3")
+    assert yardstick(POURING).checkpoints == (0, 6, 12, 18)
+    assert yardstick("other").published == 130
+
+
+def test_errors_are_reported_at_the_tasks_own_checkpoints(folder: Path) -> None:
+    frame = adaptation_frame(read_records(folder / "pouring"))
+    assert frame["error_0"].tolist() == [842, 843, 844]
+    assert frame["error_18"].tolist() == [5, 6, 7]
+    assert np.isnan(frame["error_40"].to_numpy(float)).all()
+
+
+def test_joint_errors_are_mean_absolute_degrees() -> None:
+    expert = np.zeros((4, 2))
+    tried = np.radians([[[1.0, -2.0]] * 4, [[3.0, 0.0]] * 4])
+    np.testing.assert_allclose(mean_joint_errors(tried, expert), [2.0, 1.0])
+
+
+def test_table_5_2_stands_beside_the_thesis(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["table", "table-5.2", "--runs", str(folder)]) == 0
+    assert "Written" in capsys.readouterr().out
+    lines = (folder / "table-5.2.md").read_text().splitlines()
+    (row,) = (line for line in lines if line.startswith("| CNMP 8 and 10 cm"))
+    assert "| 0/2 |" in row and "(8.88)" in row
+    (row,) = (line for line in lines if line.startswith("| ACNMP 9 and 11 cm"))
+    assert "| 2/2 | 0.00 (0.99) | 0.00 (0.51) |" in row
+    (row,) = (line for line in lines if line.startswith("| 18 | 27 |"))
+    assert row == "| 18 | 27 | 6 (worst 7) |"
+
+
+def test_table_5_2_tells_what_to_run(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(BenchmarkError, match=r"--suite pick-and-place.* and .*--suite pouring"):
+        table_5_2(tmp_path / "none")
+    only = tmp_path / "only"
+    only.mkdir()
+    (only / "pouring").symlink_to(folder / "pouring")
+    tables, sections = table_5_2(only)
+    assert tables[0].title.startswith("Table 5.2, right")
+    assert "--suite pick-and-place" in dict((s[0], s[1]) for s in sections)["Missing runs"][0]
+
+
+def test_curves_have_a_panel_for_each_context(folder: Path) -> None:
+    for suite, panels in (("pick-and-place", 2), ("pouring", 1)):
+        records = read_records(folder / suite)
+        figures = report_for(records).figures(records, ["ACNMP"])
+        (figure,) = figures.values()
+        visible = [axes for axes in figure.axes if axes.get_visible()]
+        assert len(visible) == panels
+        assert visible[0].lines[0].get_xydata().shape[0] >= 2  # type: ignore[union-attr]
