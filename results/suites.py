@@ -104,11 +104,15 @@ POURING_ALGORITHMS: dict[str, Algorithm] = {
     "DREPS": replace(ALGORITHMS["DREPS"], settings={"population_size": 6}),
     "RC-NMP": replace(PUSH_ALGORITHMS["RC-NMP"], settings={"pd_controller": None}),
 }
+# Grasp, carry and release are apart in time: with fewer bases they move each other.
 PICK_ALGORITHMS: dict[str, Algorithm] = {
-    label: replace(PUSH_ALGORITHMS[label], budget=None)
-    for label in PUSH_ALGORITHMS
-    if label != "CMA-ES residual"
-} | {"ACNMP": POURING_ALGORITHMS["ACNMP"]}
+    "ACNMP": _acnmp(population_size=1, exploration=Exploration(n_bases=8)),
+    "CMA-ES context": replace(_CMAES, settings={"n_bases": 8, "context_std": 0.3}),
+    "ProMP+RL (Stark)": replace(PUSH_ALGORITHMS["ProMP+RL (Stark)"], budget=None),
+    "ProMP+RL (Ewerton)": _EWERTON,
+    "REPS": ALGORITHMS["REPS"],
+    "RC-NMP": PUSH_ALGORITHMS["RC-NMP"],
+}
 
 
 # ACNMP without one of its elements, or with the thesis's or the original code's choice instead.
