@@ -1,9 +1,11 @@
 """The protocols: where a run takes place, what it is shown, and how it is evaluated."""
 
+import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,7 +114,7 @@ class Adaptation(Protocol):
         evaluation = GreedyEvaluation(
             task, held_out, on_rollouts, from_start=run.algorithm.pretrained, changes_only=True
         )
-        demonstrations = Demonstrations.from_task(task, contexts)
+        demonstrations = demonstrated(run.task, plain_text(settings), contexts.tobytes())
         return Scene(_environments(run, settings, held_out), evaluation, demonstrations)
 
     def headline(self, curve: Mapping[str, list[Any]]) -> str:
@@ -225,6 +227,27 @@ class Stream(Protocol):
             f"{100 * curve['failure_rate'][-1]:.1f} % fail after {curve['rollouts'][-1]} rollouts "
             f"in {curve['contexts'][-1]} contexts"
         )
+
+
+def plain_text(settings: Mapping[str, Any]) -> str:
+    """Return a task's settings as text that tells them apart.
+
+    :param settings: the task's constructor arguments
+    """
+    return json.dumps(settings, sort_keys=True)
+
+
+@lru_cache(maxsize=16)
+def demonstrated(task_id: str, settings: str, contexts: bytes) -> Demonstrations:
+    """Return a task's demonstrations; a process that does many runs makes them once.
+
+    :param task_id: of the task
+    :param settings: of the task, as `plain_text` gives them
+    :param contexts: the bytes of float64 contexts, shape (K, C)
+    """
+    task = make_task(task_id, **json.loads(settings))
+    shape = (-1, *cast(tuple[int, ...], task.context_space.shape))
+    return Demonstrations.from_task(task, np.frombuffer(contexts).reshape(shape))
 
 
 def single_threaded(run: "RunSpecification") -> tuple[Task, dict[str, Any]]:
