@@ -86,7 +86,7 @@ def task_rows() -> list[tuple[str, float, str]]:
         for n_threads in (1, 2):
             threaded = make_task(task_id, n_threads=n_threads)
             speed = rate(N_DEMONSTRATED, partial(threaded.simulate, contexts, shown))
-            rows.append((f"{task_id}, {n_threads} threads", speed, f"rollouts/s of {task_id}"))
+            rows.append((f"{task_id}, threads: {n_threads}", speed, f"rollouts/s of {task_id}"))
     return rows
 
 
