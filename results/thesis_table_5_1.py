@@ -10,7 +10,7 @@ from results.adaptation import adaptation_frame, adaptation_tables, summarise_ad
 from results.exceptions import BenchmarkError
 from results.notes import failures, origins, rollouts_text
 from results.protocols import LeaveOneOut, Stream
-from results.records import read_records
+from results.records import Record, read_records
 from results.streams import failure_text, stream_frame, summarise_stream
 from results.suites import make_suite
 from results.text_table import NOT_APPLICABLE, Cell, Section, TextTable
@@ -79,16 +79,29 @@ def _frame(folder: Path, suite: str, protocol: str) -> pd.DataFrame | None:
 
     :raises BenchmarkError: runs of another protocol
     """
+    records = records_of(folder, suite, protocol, "Table 5.1")
+    if not records:
+        return None
+    return adaptation_frame(records) if suite == "push" else stream_frame(records)
+
+
+def records_of(folder: Path, suite: str, protocol: str, table: str) -> list[Record]:
+    """Return the runs of a suite, none where its folder holds none.
+
+    :param folder: that holds the suites' folders
+    :param suite: its name
+    :param protocol: the name of the protocol that they must have
+    :param table: for the message
+    :raises BenchmarkError: runs of another protocol
+    """
     records = read_records(folder / suite)
     others = {record["specification"]["protocol"]["name"] for record in records} - {protocol}
     if others:
         raise BenchmarkError(
             f"'{folder / suite}' holds runs of the protocol {', '.join(sorted(others))}; "
-            f"Table 5.1 needs {protocol} runs of the suite {suite}."
+            f"{table} needs {protocol} runs of the suite {suite}."
         )
-    if not records:
-        return None
-    return adaptation_frame(records) if suite == "push" else stream_frame(records)
+    return records
 
 
 def _push_cells(runs: pd.DataFrame | None) -> dict[str, tuple[Cell, ...]]:

@@ -10,10 +10,10 @@ from benchmark_envs import extrapolation, make_task
 from results.adaptation import adaptation_frame, adaptation_tables, error_after, error_text
 from results.exceptions import BenchmarkError
 from results.protocols import Extrapolation
-from results.records import Record, read_records
+from results.records import Record
 from results.suites import make_suite
 from results.text_table import NOT_APPLICABLE, Cell, Section, TextTable
-from results.thesis_table_5_1 import OURS, command
+from results.thesis_table_5_1 import OURS, command, records_of
 
 SUITES = ("pick-and-place", "pouring")
 PICK, POURING = "nmp/PickAndPlace-v0", "nmp/Pouring-v0"
@@ -47,7 +47,9 @@ def table_5_2(folder: Path) -> tuple[list[TextTable], list[Section]]:
     :param folder: that holds the suites' folders ``pick-and-place`` and ``pouring``
     :raises BenchmarkError: neither holds any run, or one holds runs of another protocol
     """
-    records = {suite: _records(folder, suite) for suite in SUITES}
+    records = {
+        suite: records_of(folder, suite, Extrapolation.name, "Table 5.2") for suite in SUITES
+    }
     missing = [command(folder, suite) for suite in SUITES if not records[suite]]
     if len(missing) == len(SUITES):
         raise BenchmarkError(
@@ -128,17 +130,6 @@ def pouring_errors(records: Sequence[Record]) -> TextTable:
     header = ("rollouts", "thesis [g]", "here [g]")
     title = f"Table 5.2, right: error in pouring 1322 of 1400 g, {len(runs)} seeds here"
     return TextTable(title, header, tuple(rows))
-
-
-def _records(folder: Path, suite: str) -> list[Record]:
-    found = read_records(folder / suite)
-    others = {record["specification"]["protocol"]["name"] for record in found}
-    if others - {Extrapolation.name}:
-        raise BenchmarkError(
-            f"'{folder / suite}' holds runs of the protocol {', '.join(sorted(others))}; "
-            f"Table 5.2 needs {Extrapolation.name} runs of the suite {suite}."
-        )
-    return found
 
 
 def _is_ours(record: Record) -> bool:

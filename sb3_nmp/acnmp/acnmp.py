@@ -211,7 +211,8 @@ class ACNMP(AdaptiveAlgorithm):
         policy = self.policy
         policy.train()
         n_steps = self.n_training_steps + (self.n_assimilation_steps if solved else 0)
-        sampler, tried = self._sampler(), self._tried(searched)
+        sampler = self._sampler()
+        tried = self._tried(searched) if self.n_training_steps else []
         highest = self.lr_schedule(self._current_progress_remaining)
         for step, batch in enumerate(sampler.draw(n_steps)):
             update_learning_rate(policy.optimizer, cosine(highest, step / n_steps))
