@@ -149,18 +149,3 @@ class BatchExecutor:
         end = states[:, -1].copy()
         broken = ~np.isfinite(data).all(axis=(1, 2)) | ~np.isfinite(end).all(axis=1)
         return SensorLog(readings, peaks, stopped | broken, end)
-
-
-def interpolate(start: FloatArray, trajectories: FloatArray, substeps: int) -> FloatArray:
-    """Interpolate set-points linearly to simulation steps; a zero-order hold kicks contacts.
-
-    :param start: where the robot is before the first set-point, shape (N, D) or (D,)
-    :param trajectories: shape (N, T, D)
-    :param substeps: simulation steps a time point
-    :return: shape (N, T * substeps, D); step ``(t + 1) * substeps - 1`` holds set-point t
-    """
-    n, _, d = trajectories.shape
-    first = np.broadcast_to(start, (n, d))[:, None]
-    before = np.concatenate([first, trajectories[:, :-1]], axis=1)[:, :, None]
-    blend = (np.arange(1, substeps + 1) / substeps)[:, None]
-    return (before + blend * (trajectories[:, :, None] - before)).reshape(n, -1, d)

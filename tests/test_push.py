@@ -81,24 +81,6 @@ def test_the_expert_moves_as_the_recordings_do(task: PushTask) -> None:
     assert np.linalg.norm(moved - paths, axis=2).mean(axis=1).max() < 0.02  # m
 
 
-def test_every_element_of_the_model_is_named(task: PushTask) -> None:
-    model = task.model
-    kinds = {
-        mujoco.mjtObj.mjOBJ_BODY: model.nbody,
-        mujoco.mjtObj.mjOBJ_JOINT: model.njnt,
-        mujoco.mjtObj.mjOBJ_GEOM: model.ngeom,
-        mujoco.mjtObj.mjOBJ_CAMERA: model.ncam,
-        mujoco.mjtObj.mjOBJ_LIGHT: model.nlight,
-        mujoco.mjtObj.mjOBJ_PAIR: model.npair,
-        mujoco.mjtObj.mjOBJ_ACTUATOR: model.nu,
-        mujoco.mjtObj.mjOBJ_SENSOR: model.nsensor,
-        mujoco.mjtObj.mjOBJ_MATERIAL: model.nmat,
-        mujoco.mjtObj.mjOBJ_TEXTURE: model.ntex,
-    }
-    for kind, count in kinds.items():
-        assert all(mujoco.mj_id2name(model, kind, i) for i in range(count)), kind
-
-
 def test_the_kinematics_agree_with_the_model(task: PushTask) -> None:
     data = mujoco.MjData(task.model)
     for joints in np.random.default_rng(0).uniform(-2, 2, (20, 3)):
@@ -188,16 +170,6 @@ def test_the_experts_solution_is_computed_once_a_context(monkeypatch: pytest.Mon
         task.simulate(np.stack([target] * 3), np.stack([trajectory] * 3))
         trajectory[:] = 0.0  # the caller's to change, not the cache
     assert len(calls) == 2
-
-
-def test_the_cache_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("benchmark_envs.tasks.push.CACHED_SOLUTIONS", 2)
-    task = push()
-    first = task.demonstrate(TARGETS[0])
-    for target in TARGETS[:4]:
-        task.demonstrate(target)
-    assert len(task._solutions) == 2
-    np.testing.assert_array_equal(task.demonstrate(TARGETS[0]), first)
 
 
 def test_an_unknown_reward_is_refused_with_the_list() -> None:

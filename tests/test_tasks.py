@@ -3,6 +3,7 @@
 from typing import Any
 
 import gymnasium as gym
+import mujoco
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
@@ -49,6 +50,32 @@ def test_spaces_are_finite_and_every_entry_is_named(task_id: str) -> None:
         assert np.isfinite([space.low, space.high]).all()
         assert space.shape[-1] == len(names)
         assert all("[" in name for name in names), "every name carries a unit"
+
+
+MODEL_ELEMENTS = {
+    mujoco.mjtObj.mjOBJ_BODY: "nbody",
+    mujoco.mjtObj.mjOBJ_JOINT: "njnt",
+    mujoco.mjtObj.mjOBJ_GEOM: "ngeom",
+    mujoco.mjtObj.mjOBJ_SITE: "nsite",
+    mujoco.mjtObj.mjOBJ_CAMERA: "ncam",
+    mujoco.mjtObj.mjOBJ_LIGHT: "nlight",
+    mujoco.mjtObj.mjOBJ_PAIR: "npair",
+    mujoco.mjtObj.mjOBJ_EQUALITY: "neq",
+    mujoco.mjtObj.mjOBJ_ACTUATOR: "nu",
+    mujoco.mjtObj.mjOBJ_SENSOR: "nsensor",
+    mujoco.mjtObj.mjOBJ_MATERIAL: "nmat",
+    mujoco.mjtObj.mjOBJ_TEXTURE: "ntex",
+}
+
+
+@TASKS
+def test_every_element_of_the_model_is_named(task_id: str) -> None:
+    task: Any = make_task(task_id)
+    model = task.model
+    for kind, counter in MODEL_ELEMENTS.items():
+        names = [mujoco.mj_id2name(model, kind, i) for i in range(getattr(model, counter))]
+        assert all(names), counter
+        assert names or counter not in ("ngeom", "nu", "nsensor")
 
 
 @TASKS

@@ -15,7 +15,8 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from benchmark_envs.exceptions import InvalidContextError
-from benchmark_envs.executor import BatchExecutor, interpolate
+from benchmark_envs.executor import BatchExecutor
+from benchmark_envs.motion import interpolate
 from benchmark_envs.registry import register_task
 from benchmark_envs.rendering import draw
 from benchmark_envs.task import FloatArray, Rollouts, Task

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from benchmark_envs.exceptions import TaskError
+from benchmark_envs.motion import minimum_jerk
 
 FloatArray = NDArray[np.float64]
 
@@ -80,10 +81,10 @@ def tool_path(context: FloatArray, n: int) -> FloatArray:
     """
     start = tool_position_at_home()
     low, high = context[0] - GRASP_DEPTH, float(carry_height(context))
-    over, along = minimum_jerk(OVER, n), minimum_jerk(ALONG, n)
+    over, along = move(OVER, n), move(ALONG, n)
     across = start[:2] + over[:, None] * (OBJECT - start[:2]) + along[:, None] * (PLACE - OBJECT)
     height = start[2] + sum(
-        change * minimum_jerk(when, n)
+        change * move(when, n)
         for change, when in (
             (low - start[2], DOWN),
             (high - low, UP),
@@ -94,15 +95,14 @@ def tool_path(context: FloatArray, n: int) -> FloatArray:
     return np.column_stack([across, height])
 
 
-def minimum_jerk(when: tuple[float, float], n: int) -> FloatArray:
+def move(when: tuple[float, float], n: int) -> FloatArray:
     """Return the share of a minimum-jerk move done at each of n time points, shape (n,).
 
     :param when: shares of the time at which it begins and ends
     :param n: time points
     """
     begin, end = when
-    s = np.clip((np.arange(1, n + 1) / n - begin) / (end - begin), 0.0, 1.0)
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    return minimum_jerk((np.arange(1, n + 1) / n - begin) / (end - begin))
 
 
 def tool_position_at_home() -> FloatArray:

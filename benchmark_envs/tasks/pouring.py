@@ -20,8 +20,10 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
+from benchmark_envs.cache import ContextCache
 from benchmark_envs.exceptions import InvalidContextError, TaskError
-from benchmark_envs.executor import BatchExecutor, SensorLog, interpolate
+from benchmark_envs.executor import BatchExecutor, SensorLog
+from benchmark_envs.motion import interpolate, limit_speed
 from benchmark_envs.registry import register_task
 from benchmark_envs.rendering import draw
 from benchmark_envs.task import BoolArray, FloatArray, Rollouts, Task
@@ -113,7 +115,7 @@ class PouringTask(Task):
         self.executor = BatchExecutor(self.model, SUBSTEPS, n_threads, CHUNK)
         self._settled: FloatArray | None = None
         self._states: dict[int, FloatArray] = {}
-        self._solutions: dict[bytes, FloatArray] = {}
+        self._solutions = ContextCache(self._refine, CACHED_SOLUTIONS)
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -169,14 +171,7 @@ class PouringTask(Task):
         :raises TaskError: the expert finds no peak that pours the amount within 27 g
         """
         self.check_mode(mode)
-        checked = self.check_context(context)
-        key = checked.tobytes()
-        if key not in self._solutions:
-            solution = self._refine(checked)
-            if len(self._solutions) >= CACHED_SOLUTIONS:
-                self._solutions.pop(next(iter(self._solutions)))
-            self._solutions[key] = solution
-        return self._solutions[key].copy()
+        return self._solutions[self.check_context(context)].copy()
 
     def frames(
         self, context: ArrayLike, trajectory: ArrayLike, width: int = 480, height: int = 360
@@ -237,13 +232,9 @@ class PouringTask(Task):
         :param trajectories: shape (N, T, 1) in rad
         :return: shape (N, T + UPRIGHT, 1) in rad
         """
-        n = len(trajectories)
-        wanted = np.concatenate([trajectories, np.zeros((n, UPRIGHT, 1))], axis=1)
-        limited, angle = np.empty_like(wanted), np.zeros((n, 1))
-        for t in range(T + UPRIGHT):  # each depends on the one before
-            angle = angle + np.clip(wanted[:, t] - angle, -FASTEST, FASTEST)
-            limited[:, t] = angle
-        return limited
+        upright = np.zeros((len(trajectories), UPRIGHT, 1))
+        wanted = np.concatenate([trajectories, upright], axis=1)
+        return limit_speed(np.zeros(1), wanted, FASTEST)
 
     def _controls(self, limited: FloatArray) -> FloatArray:
         """Return what the servo is commanded, shape (N, (T + UPRIGHT) * SUBSTEPS, 1).
@@ -276,7 +267,7 @@ class PouringTask(Task):
             rewards=np.sum(list(terms.values()), axis=0),
             successes=ok & (np.abs(poured - target) <= TOLERANCE),
             diverged=log.diverged,
-            clipped=np.any(np.abs(limited[:, :T] - trajectories) > 1e-9, axis=(1, 2)),
+            clipped=np.any(limited[:, :T] != trajectories, axis=(1, 2)),
             terms=terms,
             outcomes={"poured": poured, "kept": kept, "spilled": spilled},
         )

@@ -11,6 +11,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmark_envs.motion import minimum_jerk
+
 FloatArray = NDArray[np.float64]
 
 WAIT, TILT, HOLD, BACK = 0.2, 1.2, 0.4, 1.2  # s; the parts of a plan, one after the other
@@ -35,15 +37,6 @@ PEAKS = np.array(
 
 TRIED = np.arange(56.0, 108.0, 0.5)  # degrees; the peaks that `calibrate` simulates
 SMOOTHING = 7  # neighbouring peaks over which it averages
-
-
-def minimum_jerk(share: FloatArray) -> FloatArray:
-    """Return the part of a way done by a minimum-jerk movement, from 0 to 1.
-
-    :param share: of its duration, any shape; clipped to [0, 1]
-    """
-    s = np.clip(share, 0.0, 1.0)
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
 
 
 def plan(peak: float, times: FloatArray) -> FloatArray:

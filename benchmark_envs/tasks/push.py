@@ -13,8 +13,10 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
+from benchmark_envs.cache import ContextCache
 from benchmark_envs.exceptions import TaskError
-from benchmark_envs.executor import BatchExecutor, SensorLog, interpolate
+from benchmark_envs.executor import BatchExecutor, SensorLog
+from benchmark_envs.motion import interpolate
 from benchmark_envs.registry import register_task
 from benchmark_envs.rendering import draw
 from benchmark_envs.task import BoolArray, FloatArray, Rollouts, Task
@@ -107,7 +109,7 @@ class PushTask(Task):
         self.trajectory_space = spaces.Box(-JOINT_LIMIT, JOINT_LIMIT, (T, 3), np.float32)
         self.model = mujoco.MjModel.from_xml_path(str(Path(__file__).with_name("push.xml")))
         self.executor = BatchExecutor(self.model, SUBSTEPS, n_threads)
-        self._solutions: dict[bytes, tuple[FloatArray, FloatArray]] = {}
+        self._solutions = ContextCache(self._refine, CACHED_SOLUTIONS)
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -147,7 +149,7 @@ class PushTask(Task):
         :raises TaskError: the cylinder cannot be pushed to the target
         """
         self.check_mode(mode)
-        return self._solve(self.check_context(context))[0].copy()
+        return self._solutions[self.check_context(context)][0].copy()
 
     def frames(
         self, context: ArrayLike, trajectory: ArrayLike, width: int = 480, height: int = 360
@@ -165,23 +167,15 @@ class PushTask(Task):
         states = self.executor.states(self._initial_state(), controls)
         return draw(model, states[FRAME_EVERY - 1 :: FRAME_EVERY], "overview", width, height)
 
-    def _solve(self, target: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the expert's trajectory and the cylinder's path under it; cached.
+    def _refine(self, target: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the expert's trajectory and the cylinder's path under it.
+
+        Simulate plans, each aimed off by the last one's miss, and keep the best.
 
         :param target: shape (2,) in m
         :return: shapes (T, 3) in rad and (T, 2) in m
         :raises TaskError: the cylinder cannot be pushed to the target
         """
-        key = target.tobytes()
-        if key not in self._solutions:
-            solution = self._refine(target)
-            if len(self._solutions) >= CACHED_SOLUTIONS:
-                self._solutions.pop(next(iter(self._solutions)))
-            self._solutions[key] = solution
-        return self._solutions[key]
-
-    def _refine(self, target: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Simulate plans, each aimed off by the last one's miss, and return the best; `_solve`."""
         aim, best, least = target, None, GOAL_TOLERANCE
         for _ in range(REFINEMENTS):
             plan = self._plan(target, aim)
@@ -263,7 +257,7 @@ class PushTask(Task):
         """
         rewards = np.full(path.shape[:2], -(FARTHEST**2))
         for i in np.flatnonzero(ok):
-            square = np.sum((path[i] - self._solve(contexts[i])[1]) ** 2, axis=1)
+            square = np.sum((path[i] - self._solutions[contexts[i]][1]) ** 2, axis=1)
             rewards[i] = -np.minimum(square, FARTHEST**2)
         return rewards
 

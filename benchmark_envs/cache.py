@@ -1,0 +1,38 @@
+"""A bounded cache of what is costly to make for a context."""
+
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from benchmark_envs.task import FloatArray
+
+Value = TypeVar("Value")
+
+
+class ContextCache(Generic[Value]):
+    """Makes a context's value when it is asked for first; of too many the oldest is forgotten.
+
+    :param make: from a context, shape (C,)
+    :param size: the most values that are kept
+    """
+
+    def __init__(self, make: Callable[[FloatArray], Value], size: int) -> None:
+        self.make = make
+        self.size = size
+        self._values: dict[bytes, Value] = {}
+
+    def __getitem__(self, context: FloatArray) -> Value:
+        """Return the context's value.
+
+        :param context: shape (C,)
+        """
+        key = context.tobytes()
+        if key not in self._values:
+            value = self.make(context)
+            if len(self._values) >= self.size:
+                self._values.pop(next(iter(self._values)))
+            self._values[key] = value
+        return self._values[key]
+
+    def __len__(self) -> int:
+        """Return how many values are kept."""
+        return len(self._values)

@@ -1,0 +1,49 @@
+"""Set-points over time: interpolation, speed limits and smooth moves."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def interpolate(start: FloatArray, trajectories: FloatArray, substeps: int) -> FloatArray:
+    """Interpolate set-points linearly to simulation steps; a zero-order hold kicks contacts.
+
+    :param start: where the robot is before the first set-point, shape (N, D) or (D,)
+    :param trajectories: shape (N, T, D)
+    :param substeps: simulation steps a time point
+    :return: shape (N, T * substeps, D); step ``(t + 1) * substeps - 1`` holds set-point t
+    """
+    n, _, d = trajectories.shape
+    first = np.broadcast_to(start, (n, d))[:, None]
+    before = np.concatenate([first, trajectories[:, :-1]], axis=1)[:, :, None]
+    blend = (np.arange(1, substeps + 1) / substeps)[:, None]
+    return (before + blend * (trajectories[:, :, None] - before)).reshape(n, -1, d)
+
+
+def limit_speed(start: FloatArray, trajectories: FloatArray, largest: ArrayLike) -> FloatArray:
+    """Return what robots command that follow set-points as fast as they may, shape (N, T, D).
+
+    Set-points that can be followed are returned as they are, bit for bit.
+
+    :param start: where the robots are before the first set-point, shape (D,)
+    :param trajectories: shape (N, T, D)
+    :param largest: step from one time point to the next, shape (D,) or a number
+    """
+    first = np.broadcast_to(start, (len(trajectories), 1, trajectories.shape[2]))
+    steps = np.diff(np.concatenate([first, trajectories], axis=1), axis=1)
+    fast = np.flatnonzero((np.abs(steps) > largest).any(axis=(1, 2)))
+    followed, at = trajectories.copy(), first[fast, 0]
+    for t in range(trajectories.shape[1] if len(fast) else 0):  # each depends on the one before
+        at = np.clip(trajectories[fast, t], at - largest, at + largest)
+        followed[fast, t] = at
+    return followed
+
+
+def minimum_jerk(share: FloatArray) -> FloatArray:
+    """Return the part of a way done by a minimum-jerk move (Flash & Hogan 1985), from 0 to 1.
+
+    :param share: of its duration, any shape; clipped to [0, 1]
+    """
+    s = np.clip(share, 0.0, 1.0)
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
