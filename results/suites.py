@@ -146,7 +146,7 @@ _STREAM: dict[str, object] = {
     "reward_threshold": (-0.1, -0.05),
     "max_generations": 15,
     "exploration": Exploration(sigma=0.2, latent=0.25, n_bases=6),
-    "pretraining": PretrainingSettings(n_steps=4000),
+    "pretraining": PretrainingSettings(n_steps=4000, batch_size=32),
     "n_training_steps": 0,
     "n_assimilation_steps": 200,
     "policy_kwargs": {"cnmp": CNMPSettings(context_in_decoder=True)},
