@@ -1,6 +1,7 @@
 """The critic: a Gaussian process over the coordinates of a search, from a handful of rollouts."""
 
 from dataclasses import dataclass
+from itertools import product
 from typing import cast
 
 import numpy as np
@@ -15,7 +16,9 @@ FloatArray = NDArray[np.float64]
 #: length scales that the critic chooses from, in units of the typical distance of two draws from
 #: the exploration's distribution; over the longest ones it is as good as quadratic
 LENGTHS = (0.4, 0.6, 0.9, 1.3, 2.0, 3.0, 5.0, 8.0)
-JITTER = 1e-4  # of the variance: rollouts near each other need not agree exactly
+#: variances of noise that it chooses from, as shares of the kernel's: nearly equal trajectories can
+#: fare differently, as where grains fall by chance
+NOISES = (1e-4, 1e-2, 1e-1)
 
 
 def normal_scores(rewards: FloatArray) -> FloatArray:
@@ -51,15 +54,17 @@ class Critic:
     :param points: shape (N, n)
     :param view: what the kernel sees of a point: ``point @ view``, shape (n, d)
     :param length: of the kernel, see `kernel`
+    :param noise: its variance, as a share of the kernel's
     :param variance: of the kernel
     :param mean: of the values
-    :param factor: lower Cholesky factor of the correlation matrix, shape (N, N)
+    :param factor: lower Cholesky factor of the correlation matrix, with noise, shape (N, N)
     :param weights: its inverse times the values less their mean, shape (N,)
     """
 
     points: FloatArray
     view: FloatArray
     length: float
+    noise: float
     variance: float
     mean: float
     factor: FloatArray
@@ -72,28 +77,30 @@ class Critic:
         values: FloatArray,
         views: tuple[FloatArray, ...],
         lengths: tuple[float, ...] = LENGTHS,
+        noises: tuple[float, ...] = NOISES,
     ) -> "Critic":
-        """Choose the view and the length scale of largest marginal likelihood.
+        """Choose the view, length scale and noise of largest marginal likelihood.
 
         :param points: shape (N, n)
         :param values: shape (N,)
         :param views: to choose from, each of shape (n, d), such that the d values of a draw from
             the exploration's distribution have a variance of about 1
         :param lengths: to choose from (`LENGTHS`)
+        :param noises: to choose from (`NOISES`)
         """
         mean = float(values.mean())
         best: tuple[float, Critic] | None = None
         for view in views:
             seen = points @ view
-            for length in lengths:
-                correlation = kernel(seen, seen, length) + JITTER * np.eye(len(points))
+            for length, noise in product(lengths, noises):
+                correlation = kernel(seen, seen, length) + noise * np.eye(len(points))
                 factor, _ = cho_factor(correlation, lower=True)
                 weights = cho_solve((factor, True), values - mean)
                 variance = max(float((values - mean) @ weights) / len(values), 1e-9)
                 evidence = -0.5 * len(values) * np.log(variance) - np.log(np.diag(factor)).sum()
                 if best is None or evidence > best[0]:
-                    critic = cls(points, view, length, variance, mean, np.tril(factor), weights)
-                    best = (evidence, critic)
+                    known = (variance, mean, np.tril(factor), weights)
+                    best = (evidence, cls(points, view, length, noise, *known))
         return cast(tuple[float, Critic], best)[1]
 
     def predict(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -116,7 +123,11 @@ class Critic:
         known = np.concatenate([self.points, points])
         values = self._values()
         return Critic.fit(
-            known, np.append(values, self.predict(points)[0]), (self.view,), (self.length,)
+            known,
+            np.append(values, self.predict(points)[0]),
+            (self.view,),
+            (self.length,),
+            (self.noise,),
         )
 
     def _values(self) -> FloatArray:
