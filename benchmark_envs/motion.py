@@ -1,7 +1,7 @@
 """Set-points over time: interpolation, speed limits and smooth moves."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
@@ -21,7 +21,9 @@ def interpolate(start: FloatArray, trajectories: FloatArray, substeps: int) -> F
     return (before + blend * (trajectories[:, :, None] - before)).reshape(n, -1, d)
 
 
-def limit_speed(start: FloatArray, trajectories: FloatArray, largest: ArrayLike) -> FloatArray:
+def limit_speed(
+    start: FloatArray, trajectories: FloatArray, largest: FloatArray | float
+) -> FloatArray:
     """Return what robots command that follow set-points as fast as they may, shape (N, T, D).
 
     Set-points that can be followed are returned as they are, bit for bit.

@@ -1,6 +1,5 @@
 """Demonstrations: checked once, frozen, and read back as they were written."""
 
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -191,20 +190,26 @@ def test_without_an_expert_or_contexts_there_are_no_demonstrations() -> None:
 # -- Minari --------------------------------------------------------------------------------------
 
 
-def test_without_minari_the_alternative_is_named() -> None:
-    if find_spec("minari") is not None:
-        pytest.skip("Minari is installed")
-    with pytest.raises(ConfigurationError, match=r"pip install minari.*save and load"):
+def test_without_minari_the_alternative_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sb3_nmp.common.demonstrations.find_spec", lambda _: None)
+    with pytest.raises(ConfigurationError, match=r"pip install minari\[hdf5\].*save and load"):
         Demonstrations.from_minari("bottles/expert-v0")
-    with pytest.raises(ConfigurationError, match="pip install minari"):
+    with pytest.raises(ConfigurationError, match=r"pip install minari\[hdf5\]"):
         make().to_minari("bottles/expert-v0", TASK_ID)
 
 
 def test_minari_round_trip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("minari")
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     shown = Demonstrations.from_task(TASK_ID, 2, seed=0)
-    shown.to_minari("bottles/expert-v0", TASK_ID)
+    about = {
+        "author": "us",
+        "author_email": "us@example.org",
+        "code_permalink": "https://example.org",
+        "algorithm_name": "scripted expert",
+        "description": "two trajectories through the bottles",
+    }
+    written = shown.to_minari("bottles/expert-v0", TASK_ID, **about)
+    assert (written.total_episodes, written.total_steps) == (2, 2)
     read = Demonstrations.from_minari("bottles/expert-v0")
     np.testing.assert_allclose(read.contexts, shown.contexts, rtol=1e-6)
     np.testing.assert_allclose(read.trajectories, shown.trajectories, rtol=1e-6, atol=1e-7)

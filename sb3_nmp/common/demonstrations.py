@@ -218,10 +218,8 @@ class Demonstrations:
         :raises ConfigurationError: Minari is not installed
         """
         _check_minari()
-        import minari  # pyright: ignore[reportMissingImports]
-        from minari.data_collector import (  # pyright: ignore[reportMissingImports]
-            EpisodeBuffer,
-        )
+        import minari
+        from minari.data_collector import EpisodeBuffer
 
         env = gym.make(env) if isinstance(env, str) else env
         action, observation = env.action_space, env.observation_space
@@ -229,7 +227,7 @@ class Demonstrations:
         buffers = [
             EpisodeBuffer(
                 id=index,
-                observations=np.stack([context, context]).astype(observation.dtype),
+                observations=list(np.stack([context, context]).astype(observation.dtype)),
                 actions=trajectory[None].astype(action.dtype),
                 rewards=[0.0],
                 terminations=[True],
@@ -239,7 +237,8 @@ class Demonstrations:
                 zip(self.contexts, self.trajectories, strict=True)
             )
         ]
-        return minari.create_dataset_from_buffers(dataset_id, buffers, env=env, **metadata)
+        further: dict[str, Any] = {"eval_env": env} | metadata
+        return minari.create_dataset_from_buffers(dataset_id, buffers, env=env, **further)
 
     @classmethod
     def from_minari(cls, dataset: Any) -> "Demonstrations":  # noqa: ANN401
@@ -250,7 +249,7 @@ class Demonstrations:
         :raises InvalidDataError: an episode has more than one step
         """
         _check_minari()
-        import minari  # pyright: ignore[reportMissingImports]
+        import minari
 
         dataset = minari.load_dataset(dataset) if isinstance(dataset, str) else dataset
         episodes = list(dataset.iterate_episodes())
@@ -269,8 +268,8 @@ class Demonstrations:
 def _check_minari() -> None:
     if find_spec("minari") is None:
         raise ConfigurationError(
-            "Minari is not installed; install it with 'pip install minari', or use save and load, "
-            "which write .npz files."
+            "Minari is not installed; install it with 'pip install minari[hdf5]', or use save and "
+            "load, which write .npz files."
         )
 
 
