@@ -107,10 +107,14 @@ POURING_ALGORITHMS: dict[str, Algorithm] = {
 # Grasp, carry and release are apart in time: with fewer bases they move each other.
 PICK_ALGORITHMS: dict[str, Algorithm] = {
     "ACNMP": _acnmp(population_size=1, exploration=Exploration(n_bases=8)),
-    "CMA-ES context": replace(_CMAES, settings={"n_bases": 8, "context_std": 0.3}),
-    "ProMP+RL (Stark)": replace(PUSH_ALGORITHMS["ProMP+RL (Stark)"], budget=None),
-    "ProMP+RL (Ewerton)": _EWERTON,
-    "REPS": ALGORITHMS["REPS"],
+    "CMA-ES context": replace(
+        _CMAES, settings={"n_bases": 8, "context_std": 0.3, "population_size": 4}
+    ),
+    "ProMP+RL (Stark)": replace(
+        PUSH_ALGORITHMS["ProMP+RL (Stark)"], settings={"population_size": 4}, budget=None
+    ),
+    "ProMP+RL (Ewerton)": replace(_EWERTON, settings={"population_size": 4}),
+    "REPS": replace(ALGORITHMS["REPS"], settings={"population_size": 10}),
     "RC-NMP": PUSH_ALGORITHMS["RC-NMP"],
 }
 

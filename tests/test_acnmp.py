@@ -19,7 +19,7 @@ from sb3_nmp import (
     InvalidDataError,
     PretrainingSettings,
 )
-from sb3_nmp.acnmp.critic import Critic, RewardCritic, normal_scores, varying_costs
+from sb3_nmp.acnmp.critic import Critic, RewardCritic, normal_scores, two_sided, varying_costs
 from sb3_nmp.acnmp.exploration import directions, noise_directions, spread_over_time
 from sb3_nmp.acnmp.losses import advantages, policy_gradient_loss
 from sb3_nmp.acnmp.search import LatentSearch, views
@@ -229,11 +229,29 @@ def test_costs_that_add_up_to_the_reward_are_predicted_apart() -> None:
     costs = {"a": -rng.random(9), "b": -rng.random(9), "zero": np.zeros(9)}
     rollouts = generation(np.zeros((9, T, 1)), costs["a"] + costs["b"], terms=costs)
     assert len(varying_costs(rollouts)) == 2
-    assert RewardCritic.fit(rng.random((9, 2)), rollouts, (np.eye(2),)).is_sum
+    assert len(RewardCritic.fit(rng.random((9, 2)), rollouts, (np.eye(2),)).squares) == 2
     unrelated = generation(np.zeros((9, T, 1)), rng.random(9), terms=costs)
     assert varying_costs(unrelated) == []
-    assert not RewardCritic.fit(rng.random((9, 2)), unrelated, (np.eye(2),)).is_sum
+    assert RewardCritic.fit(rng.random((9, 2)), unrelated, (np.eye(2),)).whole is not None
     assert normal_scores(np.array([3.0, 1.0, 2.0])).argmax() == 0
+
+
+def test_too_little_and_too_much_are_two_sides_of_one_error() -> None:
+    rng = np.random.default_rng(2)
+    points = rng.standard_normal((8, 1))
+    error = 3 * points[:, 0] - 2  # zero at 2 / 3
+    short, excess, other = np.maximum(-error, 0), np.maximum(error, 0), 1 + rng.random(8)
+    alone, (signed,) = two_sided([short, other, excess])
+    np.testing.assert_array_equal(signed, error)
+    assert len(alone) == 1 and alone[0] is other
+    assert two_sided([short, short + 0.1])[1] == []
+    terms = {"short": -short, "excess": -excess}
+    critic = RewardCritic.fit(
+        points, generation(np.zeros((8, T, 1)), -np.abs(error), terms=terms), (np.eye(1),)
+    )
+    tried = np.linspace(-2, 2, 401)[:, None]
+    best = tried[critic.optimistic(tried, rng).argmax(), 0]
+    assert best == pytest.approx(2 / 3, abs=0.05)
 
 
 @pytest.mark.parametrize("use_critic", [True, False])

@@ -136,18 +136,23 @@ class Critic:
 
 @dataclass(frozen=True)
 class RewardCritic:
-    """What a search expects of a reward: one Gaussian process, or one for each of its terms.
+    """What a search expects of a reward: one Gaussian process, or one for each of its errors.
 
     A reward that is the sum of several costs (errors at the start, at the goal, in between) is
-    predicted term by term, as each rollout tells about all of them: their squares, which are
-    smooth where a cost is a distance. Any other reward is predicted by its normal scores.
+    predicted error by error, as each rollout tells about all of them. Two costs of which at most
+    one is paid at a time (too little and too much) are the two sides of one error: their signed
+    difference is smooth where it passes zero, and tells on which side of a rollout to look. Of any
+    other cost the square is predicted, which is smooth where the cost is a distance. A reward that
+    is no such sum is predicted by its normal scores.
 
-    :param critics: of the terms, or a single one of the whole reward
-    :param is_sum: whether they are of squared terms
+    :param whole: of the reward's normal scores, if it is no sum of costs
+    :param squares: of minus the squared costs
+    :param signed: of the signed errors
     """
 
-    critics: tuple[Critic, ...]
-    is_sum: bool
+    whole: Critic | None
+    squares: tuple[Critic, ...] = ()
+    signed: tuple[Critic, ...] = ()
 
     @classmethod
     def fit(
@@ -161,31 +166,47 @@ class RewardCritic:
         """
         costs = varying_costs(rollouts)
         if len(costs) < 2:
-            return cls((Critic.fit(points, normal_scores(rollouts.rewards), views),), False)
-        return cls(tuple(Critic.fit(points, -(cost**2), views) for cost in costs), True)
+            return cls(Critic.fit(points, normal_scores(rollouts.rewards), views))
+        alone, signed = two_sided(costs)
+        return cls(
+            None,
+            tuple(Critic.fit(points, -(cost**2), views) for cost in alone),
+            tuple(Critic.fit(points, error, views) for error in signed),
+        )
 
     def optimistic(self, points: FloatArray, rng: np.random.Generator) -> FloatArray:
         """Return a random upper bound of each point's reward, shape (M,).
 
-        It is the mean plus a half-normal deviation, for each of the terms.
+        Each critic's mean is off by a half-normal deviation, to the better side.
 
         :param points: shape (M, n)
         :param rng: the generator to draw from
         """
-        bounds = []
-        for critic in self.critics:
+
+        def predict(critic: Critic) -> tuple[FloatArray, FloatArray]:
             mean, std = critic.predict(points)
-            bounds.append(mean + std * np.abs(rng.standard_normal(len(points))))
-        if not self.is_sum:
-            return bounds[0]
-        return -np.sum(np.sqrt(np.maximum(-np.array(bounds), 0.0)), axis=0)
+            return mean, std * np.abs(rng.standard_normal(len(points)))
+
+        if self.whole is not None:
+            return np.sum(predict(self.whole), axis=0)
+        bound = np.zeros(len(points))
+        for critic in self.squares:
+            bound -= np.sqrt(np.maximum(-np.sum(predict(critic), axis=0), 0.0))
+        for critic in self.signed:
+            mean, luck = predict(critic)
+            bound -= np.maximum(np.abs(mean) - luck, 0.0)
+        return bound
 
     def believing(self, points: FloatArray) -> "RewardCritic":
         """Return the critic that has seen its own predictions come true; see `Critic`.
 
         :param points: shape (M, n)
         """
-        return RewardCritic(tuple(critic.believing(points) for critic in self.critics), self.is_sum)
+        return RewardCritic(
+            None if self.whole is None else self.whole.believing(points),
+            tuple(critic.believing(points) for critic in self.squares),
+            tuple(critic.believing(points) for critic in self.signed),
+        )
 
 
 def varying_costs(rollouts: Generation) -> list[FloatArray]:
@@ -199,3 +220,22 @@ def varying_costs(rollouts: Generation) -> list[FloatArray]:
     if any((cost < 0).any() for cost in costs) or not np.allclose(known, -rollouts.rewards):
         return []
     return [cost for cost in costs if np.ptp(cost) > 0]
+
+
+def two_sided(costs: list[FloatArray]) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Return the costs that stand alone, and the signed errors of which two are the two sides.
+
+    >>> two_sided([np.array([0.0, 3.0, 0.0]), np.array([1.0, 1.0, 2.0]), np.array([2.0, 0.0, 0.0])])
+    ([array([1., 1., 2.])], [array([ 2., -3.,  0.])])
+
+    :param costs: none of them constant, each of shape (N,)
+    """
+    alone: list[FloatArray] = []
+    signed: list[FloatArray] = []
+    for cost in costs:
+        other = next((i for i, one in enumerate(alone) if not (one * cost).any()), None)
+        if other is None:
+            alone.append(cost)
+        else:
+            signed.append(cost - alone.pop(other))
+    return alone, signed
