@@ -99,10 +99,13 @@ POURING_ALGORITHMS: dict[str, Algorithm] = {
     "ProMP+RL (Stark)": replace(
         PUSH_ALGORITHMS["ProMP+RL (Stark)"], settings={"population_size": 6}, budget=None
     ),
-    "ProMP+RL (Ewerton)": replace(_EWERTON, settings={"population_size": 6}),
-    "REPS": replace(ALGORITHMS["REPS"], settings={"population_size": 6}),
-    "DREPS": replace(ALGORITHMS["DREPS"], settings={"population_size": 6}),
-    "RC-NMP": replace(PUSH_ALGORITHMS["RC-NMP"], settings={"pd_controller": None}),
+    "ProMP+RL (Ewerton)": replace(_EWERTON, settings={"population_size": 9}),
+    "REPS": replace(ALGORITHMS["REPS"], settings={"population_size": 9}),
+    "DREPS": replace(ALGORITHMS["DREPS"], settings={"population_size": 9}),
+    "RC-NMP": replace(
+        PUSH_ALGORITHMS["RC-NMP"],
+        settings={"pd_controller": None, "n_sampled": 4, "n_crossover": 2},
+    ),
 }
 # Grasp, carry and release are apart in time: with fewer bases they move each other.
 PICK_ALGORITHMS: dict[str, Algorithm] = {
