@@ -120,7 +120,7 @@ class Adaptation(Protocol):
     def headline(self, curve: Mapping[str, list[Any]]) -> str:
         """See `Protocol.headline`."""
         solved = "solved" if curve["greedy_success"][-1] else "not solved"
-        return f"{solved}, greedy error {-curve['greedy_reward'][-1]:.4f}"
+        return f"{solved}, greedy error {0.0 - curve['greedy_reward'][-1]:.4f}"
 
 
 @dataclass(frozen=True)
