@@ -3,8 +3,8 @@
 ``python -m results.experiments.pretraining_speed`` trains the same CNMP on 30 demonstrations of
 ``nmp/Aperture-v0`` in two ways, side by side in one run: as the original code does (Adam, learning
 rate 1e-4; each step draws one trajectory, up to 5 conditioning points and one target point) for
-some minutes, and as `pretrain` does by default. It prints a Markdown table of the time that each needs to the
-lowest validation errors that the former has reached after some of its minutes.
+some minutes, and as `pretrain` does by default. It prints a Markdown table of the time that each
+needs to the lowest validation errors that the former has reached after some of its minutes.
 """
 
 import time
