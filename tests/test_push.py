@@ -156,7 +156,6 @@ def test_success_ends_at_three_centimetres(goal_task: PushTask, shift: float, so
 
 
 def test_the_experts_solution_is_computed_once_a_context(monkeypatch: pytest.MonkeyPatch) -> None:
-    task = push()
     calls: list[np.ndarray] = []
     refine = PushTask._refine
 
@@ -165,6 +164,7 @@ def test_the_experts_solution_is_computed_once_a_context(monkeypatch: pytest.Mon
         return refine(self, target)
 
     monkeypatch.setattr(PushTask, "_refine", counted)
+    task = push()
     for target in TARGETS[[0, 1, 0, 1]]:
         trajectory = task.demonstrate(target)
         task.simulate(np.stack([target] * 3), np.stack([trajectory] * 3))
