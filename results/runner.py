@@ -1,6 +1,5 @@
 """Runs a suite: in parallel processes, one result file a run, resumable."""
 
-import signal
 import tempfile
 import time
 import traceback
@@ -159,9 +158,6 @@ def run_plan(
         delayed(run_and_write)(run, plan.folder, origin, counters and counters.writer(index))
         for index, run in enumerate(plan.todo)
     )
-    # Ctrl-C in a terminal reaches the workers too. One that is interrupted while it holds a lock of
-    # the queue would stop all others; so they leave it to this process, which ends them.
-    ignored = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_IGN)}
-    with parallel_config(backend="loky", inner_max_num_threads=1, **ignored):
+    with parallel_config(backend="loky", inner_max_num_threads=1):
         parallel = Parallel(n_jobs=n_workers, return_as="generator_unordered")
         yield from cast(Iterator[Outcome], parallel(jobs))
