@@ -154,8 +154,9 @@ def test_rollouts_are_counted_while_the_runs_go_on(tmp_path: Path):
 def test_ctrl_c_ends_worker_processes_quietly(tmp_path: Path, record: Record):
     """The terminal sends SIGINT to the command and its workers alike."""
     script = (
-        "import sys\n"
+        "import signal, sys\n"
         "from pathlib import Path\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # background jobs ignore it
         "from results.planning import plan_runs\n"
         "from results.progress import run_with_progress\n"
         "from tests.test_results_runner import run_of\n"
