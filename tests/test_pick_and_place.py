@@ -118,6 +118,14 @@ def test_the_context_sets_the_heights_in_the_model(task: PickAndPlaceTask) -> No
     assert task.model.opt.timestep * SUBSTEPS == pytest.approx(TIME_POINT)
 
 
+def test_the_cache_of_models_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("benchmark_envs.tasks.pick_and_place.CACHED_MODELS", 2)
+    task, contexts = pick(), demonstration_contexts()[:4]
+    trajectories = np.stack([task.demonstrate(context) for context in contexts])
+    rollouts = task.simulate(contexts, trajectories)
+    assert len(task._models) == 2 and rollouts.successes.all()
+
+
 def test_a_mixed_batch_gives_the_same_bits_as_single_rollouts_on_one_and_two_threads() -> None:
     contexts = np.array([[0.02, 0.11], [0.09, 0.11], [0.05, 0.06], [0.09, 0.02]])
     one, two = pick(1), pick(2)

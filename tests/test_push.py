@@ -172,6 +172,16 @@ def test_the_experts_solution_is_computed_once_a_context(monkeypatch: pytest.Mon
     assert len(calls) == 2
 
 
+def test_the_cache_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("benchmark_envs.tasks.push.CACHED_SOLUTIONS", 2)
+    task = push()
+    first = task.demonstrate(TARGETS[0])
+    for target in TARGETS[:4]:
+        task.demonstrate(target)
+    assert len(task._solutions) == 2
+    np.testing.assert_array_equal(task.demonstrate(TARGETS[0]), first)
+
+
 def test_an_unknown_reward_is_refused_with_the_list() -> None:
     with pytest.raises(TaskError, match="no reward 'sparse' of PushTask; there are path, goal"):
         make_task("nmp/Push-v0", reward="sparse")
