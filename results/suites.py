@@ -130,6 +130,7 @@ PUSH_ABLATIONS: dict[str, Algorithm] = {
     "latents only": _acnmp(exploration=Exploration(noise=0.0, n_latents=6)),
     "contexts too": _acnmp(exploration=Exploration(context=0.5)),
     "noise not shaped": _acnmp(exploration=Exploration(shaped=False)),
+    "no pull": _acnmp(exploration=Exploration(pull=0.0)),
     "thesis's decoder": _acnmp(
         policy_kwargs={"cnmp": CNMPSettings(context_in_decoder=True, linear_trend=False)}
     ),

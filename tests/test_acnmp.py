@@ -287,6 +287,23 @@ def test_the_critic_finds_the_optimum_with_fewer_rollouts_than_chance() -> None:
     assert with_critic < 0.2 * without
 
 
+def test_the_pull_keeps_the_search_where_the_reward_tells_nothing() -> None:
+    def wandered(pull: float, seed: int) -> float:
+        rng = np.random.default_rng(seed)
+        along = np.linalg.qr(rng.standard_normal((T, 6)))[0].T[..., None]
+        search = LatentSearch(np.zeros((T, 1)), along, pull=pull)
+        for _ in range(12):
+            tried = search.ask(2, rng)
+            error = np.abs(tried[..., 0] @ along[0, :, 0] - 1.0)
+            search.tell(generation(tried, -error, terms={"a": -error / 2, "b": -error / 2}))
+        best = search.coordinates[search.rewards.argmax()]
+        assert abs(best[0] - 1.0) < 0.1
+        return float(np.linalg.norm(best[1:]))
+
+    pulled, free = (np.median([wandered(pull, seed) for seed in range(3)]) for pull in (1.0, 0.0))
+    assert pulled < 0.5 * free
+
+
 # -- the policy gradient -------------------------------------------------------------------------
 
 

@@ -203,6 +203,7 @@ class ACNMP(AdaptiveAlgorithm):
             cnmp.trajectories(row)[0],
             directions(self.exploration, cnmp, cast(Demonstrations, self.demonstrations), row[0]),
             use_critic=self.use_critic,
+            pull=self.exploration.pull,
         )
 
     # -- simultaneous training (VII, VIII) -----------------------------------------------------

@@ -148,11 +148,13 @@ class RewardCritic:
     :param whole: of the reward's normal scores, if it is no sum of costs
     :param squares: of minus the squared costs
     :param signed: of the signed errors
+    :param to_gain: how far a reward can rise at most: the best rollout's costs, or 1 for scores
     """
 
     whole: Critic | None
     squares: tuple[Critic, ...] = ()
     signed: tuple[Critic, ...] = ()
+    to_gain: float = 1.0
 
     @classmethod
     def fit(
@@ -172,6 +174,7 @@ class RewardCritic:
             None,
             tuple(Critic.fit(points, -(cost**2), views) for cost in alone),
             tuple(Critic.fit(points, error, views) for error in signed),
+            -float(rollouts.rewards.max()),
         )
 
     def optimistic(self, points: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -206,6 +209,7 @@ class RewardCritic:
             None if self.whole is None else self.whole.believing(points),
             tuple(critic.believing(points) for critic in self.squares),
             tuple(critic.believing(points) for critic in self.signed),
+            self.to_gain,
         )
 
 

@@ -40,6 +40,8 @@ class Exploration:
     :param n_bases: of the noise, a dimension
     :param shaped: scale the noise over time as the demonstrations spread, so that less is
         explored where all of them agree, such as a common start
+    :param pull: how much a rollout that the critic proposes has to promise more to lie one typical
+        draw away from the policy's answer, as a share of what the best rollout lacks
     :raises ConfigurationError: a value below 0, or nothing to explore
     """
 
@@ -50,10 +52,11 @@ class Exploration:
     noise: float = 1.0
     n_bases: int = 4
     shaped: bool = True
+    pull: float = 0.3
 
     def __post_init__(self) -> None:
         """Check the values."""
-        for name in ("latent", "n_latents", "context", "noise"):
+        for name in ("latent", "n_latents", "context", "noise", "pull"):
             if not getattr(self, name) >= 0:
                 raise ConfigurationError(f"{name} is {getattr(self, name)}; it must be >= 0.")
         if self.n_bases < 2:

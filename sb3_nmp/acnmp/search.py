@@ -32,6 +32,7 @@ class LatentSearch:
     :param directions: shape (n, T, D)
     :param radius: of the first generation, in standard deviations
     :param use_critic: whether a critic proposes
+    :param pull: towards the greedy trajectory, see `Exploration`
     :param limits: smallest and largest radius
     :param coordinates: of the rollouts so far, shape (N, n)
     :param rollouts: what is known of them, oldest generation first
@@ -41,6 +42,7 @@ class LatentSearch:
     directions: FloatArray
     radius: float = 0.7
     use_critic: bool = True
+    pull: float = 0.3
     limits: tuple[float, float] = (0.02, 1.5)
     coordinates: FloatArray = field(init=False)
     rollouts: list[Generation] = field(default_factory=list)
@@ -75,16 +77,21 @@ class LatentSearch:
         critic = RewardCritic.fit(
             self.coordinates, Generation.concatenate(self.rollouts), self._views
         )
+
+        def worth(drawn: FloatArray) -> FloatArray:
+            distance = np.mean(drawn**2, axis=1)
+            return critic.optimistic(drawn, rng) - self.pull * critic.to_gain * distance
+
         points: list[FloatArray] = []
         for _ in range(n):
             scales = self.radius * rng.choice(CANDIDATE_SCALES, (N_CANDIDATES, 1))
             drawn = centre + scales * rng.standard_normal((N_CANDIDATES, len(centre)))
             for _ in range(2):
-                best = drawn[np.argsort(-critic.optimistic(drawn, rng))[:N_REFINED]]
+                best = drawn[np.argsort(-worth(drawn))[:N_REFINED]]
                 around = np.repeat(best, REFINEMENTS, axis=0)
                 step = REFINEMENT_SCALE * self.radius * rng.standard_normal(around.shape)
                 drawn = np.concatenate([best, around + step])
-            points.append(drawn[critic.optimistic(drawn, rng).argmax()])
+            points.append(drawn[worth(drawn).argmax()])
             critic = critic.believing(points[-1][None])
         return np.stack(points)
 
