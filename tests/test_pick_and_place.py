@@ -243,8 +243,10 @@ def test_the_terms_are_the_distances_that_the_tool_is_off(task: PickAndPlaceTask
 def test_a_tilted_gripper_is_off_though_its_tool_point_is_right(task: PickAndPlaceTask) -> None:
     data = mujoco.MjData(task.model)
     trajectory = task.demonstrate(TALL)
-    trajectory[:, 4] += np.radians(10) * np.clip(np.linspace(0, 6, T), 0, 1)
+    trajectory[:, 4] += np.radians(4) * np.clip(np.linspace(0, 6, T), 0, 1)
     rollouts = task.simulate(TALL, trajectory)
+    before = rollouts.paths["object"][0, CLOSES.start - 1]
+    np.testing.assert_allclose(before, [*OBJECT, TALL[0] / 2], atol=1e-3)  # not touched yet
     for name, value in zip(JOINTS, rollouts.executed[0, CLOSES.stop - 1], strict=True):
         data.joint(name).qpos[0] = value
     mujoco.mj_kinematics(task.model, data)
@@ -253,6 +255,17 @@ def test_a_tilted_gripper_is_off_though_its_tool_point_is_right(task: PickAndPla
     flange = np.linalg.norm(data.body("gripper").xpos - wanted - [0.0, 0.0, TOOL_LENGTH])
     error = np.sqrt((tool**2 + flange**2) / 2)
     assert rollouts.terms["grasp"][0] == pytest.approx(-error, abs=1e-3)
+
+
+def test_an_object_knocked_over_on_the_way_counts_where_it_lies(task: PickAndPlaceTask) -> None:
+    path = tool_path(TALL, T)
+    aside = path.copy()
+    aside[: CLOSES.start - 10, 1] += 0.05  # a finger comes down on the object, then all is right
+    rollouts = task.simulate(TALL, np.stack([planned(path), planned(aside)]))
+    lying = rollouts.paths["object"][1, CLOSES.start - 1]
+    assert lying[2] < TALL[0] / 2 - 0.01 or np.linalg.norm(lying[:2] - OBJECT) > 0.02
+    assert rollouts.terms["grasp"][1] < -0.03 and rollouts.terms["grasp"][0] > -0.005
+    assert rollouts.terms["place"][1] > -0.005 and not rollouts.successes[1]
 
 
 def test_avoidance_counts_what_lacks_in_height_and_to_the_side_alone() -> None:
