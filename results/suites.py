@@ -51,6 +51,14 @@ ABLATIONS: dict[str, Algorithm] = {
 }
 
 _ACNMP = Algorithm("sb3_nmp.acnmp:ACNMP", description="adaptive conditional neural process")
+
+
+def _acnmp(**settings: object) -> Algorithm:
+    return replace(_ACNMP, settings=settings)
+
+
+# The pushes shown span what is to be found: nearly all of the noise is like them.
+_PUSH = Exploration(shaped=0.99)
 _EWERTON = Algorithm(
     "baselines:EwertonProMPRL",
     description="one ProMP, Gaussian processes, relevance-weighted policy optimisation",
@@ -58,7 +66,7 @@ _EWERTON = Algorithm(
 
 # Adaptation to a held-out target (thesis 5.2.2, the first experiment).
 PUSH_ALGORITHMS: dict[str, Algorithm] = {
-    "ACNMP": _ACNMP,
+    "ACNMP": _acnmp(exploration=_PUSH),
     "CMA-ES residual": Algorithm(
         "baselines:CMAES",
         {"n_bases": 5},
@@ -84,11 +92,6 @@ PUSH_ALGORITHMS: dict[str, Algorithm] = {
         pretrained=False,
     ),
 }
-
-
-def _acnmp(**settings: object) -> Algorithm:
-    return replace(_ACNMP, settings=settings)
-
 
 # Extrapolation beyond a set of demonstrations (thesis 5.2.4). With a handful of rollouts in all,
 # each one is chosen by all before it, and the Gaussians are fitted to as few as they can be.
@@ -125,23 +128,27 @@ PICK_ALGORITHMS: dict[str, Algorithm] = {
 # ACNMP without one of its elements, or with the thesis's or the original code's choice instead.
 # The last three sample around the policy's mean, as the thesis does.
 PUSH_ABLATIONS: dict[str, Algorithm] = {
-    "ACNMP": _ACNMP,
-    "no latents": _acnmp(exploration=Exploration(latent=0.0)),
-    "latents only": _acnmp(exploration=Exploration(noise=0.0, n_latents=6)),
-    "contexts too": _acnmp(exploration=Exploration(context=0.5)),
-    "noise not shaped": _acnmp(exploration=Exploration(shaped=False)),
-    "no pull": _acnmp(exploration=Exploration(pull=0.0)),
+    "ACNMP": PUSH_ALGORITHMS["ACNMP"],
+    "no latents": _acnmp(exploration=replace(_PUSH, latent=0.0)),
+    "latents only": _acnmp(exploration=replace(_PUSH, noise=0.0, n_latents=6)),
+    "contexts too": _acnmp(exploration=replace(_PUSH, context=0.5)),
+    "noise not shaped": _acnmp(exploration=replace(_PUSH, shaped=0.0)),
+    "noise half shaped": _acnmp(),
+    "no pull": _acnmp(exploration=replace(_PUSH, pull=0.0)),
     "thesis's decoder": _acnmp(
-        policy_kwargs={"cnmp": CNMPSettings(context_in_decoder=True, linear_trend=False)}
+        exploration=_PUSH,
+        policy_kwargs={"cnmp": CNMPSettings(context_in_decoder=True, linear_trend=False)},
     ),
-    "policy gradient, to go": _acnmp(use_critic=False, advantage="to_go"),
-    "policy gradient, steps": _acnmp(use_critic=False, advantage="step"),
-    "policy gradient, pairs": _acnmp(use_critic=False, advantage="step", population_size=2),
+    "policy gradient, to go": _acnmp(exploration=_PUSH, use_critic=False, advantage="to_go"),
+    "policy gradient, steps": _acnmp(exploration=_PUSH, use_critic=False, advantage="step"),
+    "policy gradient, pairs": _acnmp(
+        exploration=_PUSH, use_critic=False, advantage="step", population_size=2
+    ),
     "RL only": _acnmp(
         use_critic=False,
         advantage="to_go",
         supervised=False,
-        exploration=Exploration(latent=0.0, shaped=False),
+        exploration=replace(_PUSH, latent=0.0, shaped=0.0),
     ),
 }
 

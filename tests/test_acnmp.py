@@ -183,9 +183,24 @@ def test_directions_have_the_scale_asked_for(cnmp: CNMP, demonstrations: Demonst
 def test_shaped_noise_is_small_where_the_demonstrations_agree(
     demonstrations: Demonstrations,
 ) -> None:
-    shape = spread_over_time(demonstrations)[:, 0]
+    shape = spread_over_time(demonstrations, 0.8)[:, 0, 0]
     assert 0 < shape[0] < 0.5 < 1 < shape[-1]
-    np.testing.assert_array_equal(spread_over_time(demonstrations[:1]), np.ones((T, 1)))
+    assert np.mean(shape**2) == pytest.approx(1.0)
+    np.testing.assert_allclose(spread_over_time(demonstrations[:1], 0.8), np.ones((T, 1, 1)))
+    np.testing.assert_allclose(spread_over_time(demonstrations, 0.0), np.ones((T, 1, 1)))
+
+
+def test_shaped_noise_moves_dimensions_together_as_the_demonstrations_do() -> None:
+    rng = np.random.default_rng(0)
+    one = rng.standard_normal((50, T, 1))
+    joined = Demonstrations(np.zeros((50, 1)), np.concatenate([one, -one, 0 * one], axis=2))
+    unit = rng.standard_normal((4000, 3))
+    for share, expected in ((0.0, 0.0), (0.5, -0.5), (1.0, -1.0)):
+        noise = np.einsum("nd,tde->nte", unit, spread_over_time(joined, share))
+        x, y, constant = noise.transpose(2, 0, 1).reshape(3, -1)
+        assert np.corrcoef(x, y)[0, 1] == pytest.approx(expected, abs=0.05)
+        assert np.corrcoef(x, constant)[0, 1] == pytest.approx(0.0, abs=0.05)
+        np.testing.assert_allclose([x.std(), y.std(), constant.std()], 1.0, atol=0.05)
 
 
 # -- the critic and the search -------------------------------------------------------------------
@@ -210,7 +225,7 @@ def test_the_critic_predicts_a_smooth_function() -> None:
 
 def test_the_critic_looks_at_the_moment_that_a_cost_depends_on() -> None:
     rng = np.random.default_rng(3)
-    directions = noise_directions(np.full((100, 2), 0.3), 6)
+    directions = noise_directions(np.tile(0.3 * np.eye(2), (100, 1, 1)), 6)
     points, fresh = rng.standard_normal((2, 12, 12))
 
     def cost_at_the_end(x: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ for each smooth basis over time in each dimension.
 """
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import torch as th
@@ -18,10 +19,6 @@ from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.noise import SmoothNoise
 
 FloatArray = NDArray[np.float64]
-
-#: shaped noise is never less than this times its root mean square over time: the learned
-#: trajectories may be wrong where the demonstrations agree, too
-FLOOR = 0.5
 
 
 @dataclass(frozen=True)
@@ -38,11 +35,13 @@ class Exploration:
         over time
     :param noise: of smooth noise: the root mean square over time
     :param n_bases: of the noise, a dimension
-    :param shaped: scale the noise over time as the demonstrations spread, so that less is
-        explored where all of them agree, such as a common start
+    :param shaped: share of the noise's variance that varies over time and couples the dimensions
+        as the demonstrations do, so that less is explored where all of them agree, such as a
+        common start or a tool that is kept upright; the rest is alike everywhere. Near 1 is best
+        where the demonstrations span what is to be found, less where they all lack it
     :param pull: how much a rollout that the critic proposes has to promise more to lie one typical
         draw away from the policy's answer, as a share of what the best rollout lacks
-    :raises ConfigurationError: a value below 0, or nothing to explore
+    :raises ConfigurationError: a value outside its range, or nothing to explore
     """
 
     sigma: float | tuple[float, ...] | None = None
@@ -51,7 +50,7 @@ class Exploration:
     context: float = 0.0
     noise: float = 1.0
     n_bases: int = 4
-    shaped: bool = True
+    shaped: float = 0.5
     pull: float = 0.3
 
     def __post_init__(self) -> None:
@@ -59,6 +58,8 @@ class Exploration:
         for name in ("latent", "n_latents", "context", "noise", "pull"):
             if not getattr(self, name) >= 0:
                 raise ConfigurationError(f"{name} is {getattr(self, name)}; it must be >= 0.")
+        if not 0 <= self.shaped <= 1:
+            raise ConfigurationError(f"shaped is {self.shaped}; it must lie in [0, 1].")
         if self.n_bases < 2:
             raise ConfigurationError(f"n_bases is {self.n_bases}; at least 2 are needed.")
         if self.sigma is not None and not np.all(np.asarray(self.sigma) > 0):
@@ -91,8 +92,8 @@ def directions(
         along = effects_of_contexts(cnmp, condition)
         found.append(settings.context * along / deviation(along, sigma)[:, None, None])
     if settings.noise:
-        shape = spread_over_time(demonstrations) if settings.shaped else np.ones_like(sigma)
-        found.append(noise_directions(settings.noise * sigma * shape, settings.n_bases))
+        mixing = spread_over_time(demonstrations, settings.shaped) * sigma[:, None]
+        found.append(noise_directions(settings.noise * mixing, settings.n_bases))
     return np.concatenate(found)
 
 
@@ -150,24 +151,36 @@ def deviation(trajectories: FloatArray, sigma: FloatArray) -> FloatArray:
     return np.maximum(np.sqrt(np.mean((trajectories / sigma) ** 2, axis=(1, 2))), 1e-12)
 
 
-def spread_over_time(demonstrations: Demonstrations) -> FloatArray:
-    """Return how the demonstrations' spread varies over time, about 1 in each dimension; (T, D).
+def spread_over_time(demonstrations: Demonstrations, share: float) -> FloatArray:
+    """Return how noise is to be mixed over time to spread as the demonstrations do, (T, D, D).
 
-    :param demonstrations: of one demonstration, or where all agree, it is 1
+    The symmetric root, at each time, of ``share * C + (1 - share) * I``, with C the covariance of
+    the demonstrations at that time, in units of each dimension's root mean square over time. In a
+    dimension in which all of them agree throughout, C is that of unit noise.
+
+    :param demonstrations: at least one
+    :param share: in [0, 1]
     """
-    spread = demonstrations.trajectories.std(axis=0)
-    typical = np.sqrt((spread**2).mean(axis=0))
-    shape = np.sqrt(FLOOR**2 + (spread / np.maximum(typical, 1e-9)) ** 2) / np.hypot(FLOOR, 1.0)
-    return np.where(typical > 1e-9, shape, 1.0)
+    deviations = demonstrations.trajectories - demonstrations.trajectories.mean(axis=0)
+    typical = np.sqrt((deviations**2).mean(axis=(0, 1)))
+    scaled = deviations / np.maximum(typical, 1e-9)
+    scaled[..., typical <= 1e-9] = 0.0
+    covariance = np.einsum("ntd,nte->tde", scaled, scaled) / len(scaled)
+    covariance += np.diag((typical <= 1e-9).astype(np.float64))
+    identity = np.eye(len(typical))
+    values, axes = np.linalg.eigh(share * covariance + (1.0 - share) * identity)
+    roots = np.sqrt(np.maximum(values, 0.0))
+    return cast(FloatArray, np.einsum("tdi,ti,tei->tde", axes, roots, axes))
 
 
-def noise_directions(scale: FloatArray, n_bases: int) -> FloatArray:
+def noise_directions(mixing: FloatArray, n_bases: int) -> FloatArray:
     """Return one direction for each basis and dimension, shape (n_bases * D, T, D).
 
-    :param scale: standard deviation at each time in each dimension, shape (T, D)
+    :param mixing: at each time, how unit noise in each dimension (rows) moves the trajectory's
+        dimensions (columns), in the trajectory's unit, shape (T, D, D)
     :param n_bases: of `SmoothNoise`
     """
-    n_time_points, n_dimensions = scale.shape
+    n_time_points, n_dimensions, _ = mixing.shape
     bases = SmoothNoise(n_bases=n_bases).bases(n_time_points)
-    each = np.einsum("tk,td,de->kdte", bases, scale, np.eye(n_dimensions))
+    each = np.einsum("tk,tde->kdte", bases, mixing)
     return each.reshape(-1, n_time_points, n_dimensions)
