@@ -3,7 +3,8 @@
 The thesis claims that exploration comes from the latent space of the demonstrations (5.1). Here a
 trajectory is tried at ``mean + sum_j x_j direction_j``, with a direction for each principal axis of
 the demonstrations' representations and for each task parameter, both seen through the decoder, and
-for each smooth basis over time in each dimension.
+for each smooth basis over time in each dimension. The noise moves the dimensions together as the
+demonstrations do.
 """
 
 from dataclasses import dataclass
