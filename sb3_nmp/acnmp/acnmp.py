@@ -42,9 +42,9 @@ class ACNMP(AdaptiveAlgorithm):
     The steps are those of Fig. 5.1. (I) A CNMP is trained on the demonstrations (Eq. 4.1).
     (II-IV) It answers each context with a trajectory, which is executed. (V) Where that is not
     satisfactory, a search begins. (VI) Rollouts explore directions that the latent space of the
-    demonstrations gives, beside smooth noise (`Exploration`). (VII) The network is trained on
-    these rollouts by policy gradient (Eq. 5.2) and on the demonstrations by likelihood (Eq. 4.1)
-    in alternating steps. (VIII) A solved context is assimilated: its trajectory joins the
+    demonstrations gives, beside smooth noise that is shaped like them (`Exploration`). (VII) The
+    network is trained on these rollouts by policy gradient (Eq. 5.2) and on the demonstrations by
+    likelihood (Eq. 4.1) in alternating steps. (VIII) A solved context is assimilated: its trajectory joins the
     demonstrations.
 
     On an environment with a fixed context it adapts to that context for the whole budget; on one
