@@ -18,7 +18,7 @@ from sb3_nmp import CNMPSettings, Demonstrations, PretrainingSettings
 from sb3_nmp.common.cnmp import CNMP, PointSampler, negative_log_likelihood, pretrain
 
 ARCHITECTURE = CNMPSettings(context_in_decoder=True)
-SEEDS = range(3)
+SEEDS = range(2)
 SECONDS = (60.0, 120.0, 240.0)  # of the original's training, after which it is compared
 LENGTHS = (200, 300, 400, 600, 800, 1100, 1500, 2000, 2500, 3000)  # of ours, in steps
 STEPS = 100  # of the original's training between two validations
