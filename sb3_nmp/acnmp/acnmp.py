@@ -44,8 +44,8 @@ class ACNMP(AdaptiveAlgorithm):
     satisfactory, a search begins. (VI) Rollouts explore directions that the latent space of the
     demonstrations gives, beside smooth noise that is shaped like them (`Exploration`). (VII) The
     network is trained on these rollouts by policy gradient (Eq. 5.2) and on the demonstrations by
-    likelihood (Eq. 4.1) in alternating steps. (VIII) A solved context is assimilated: its trajectory joins the
-    demonstrations.
+    likelihood (Eq. 4.1) in alternating steps. (VIII) A solved context is assimilated: its
+    trajectory joins the demonstrations.
 
     On an environment with a fixed context it adapts to that context for the whole budget; on one
     that draws contexts it improves itself over the stream of them (`AdaptiveAlgorithm`).
