@@ -24,9 +24,10 @@ class LatentSearch:
 
     With a critic, the first generation is drawn from N(0, radius^2 I) around the greedy
     trajectory; later ones are the points that an optimistic draw from the critic prefers, around
-    the best rollout so far, within a radius that grows with success and shrinks without. Without
-    a critic, every generation is drawn around the current mean, which `ACNMP` sets to the policy's
-    answer after each update, as the thesis does.
+    the best rollout so far, within a radius that grows with success and shrinks without. Of points
+    that promise alike the one nearest to the greedy trajectory is tried: the demonstrations hold
+    what a reward does not tell. Without a critic, every generation is drawn around the current
+    mean, which `ACNMP` sets to the policy's answer after each update, as the thesis does.
 
     :param mean: shape (T, D)
     :param directions: shape (n, T, D)
