@@ -2,7 +2,7 @@
 
 from baselines.cmaes import CMAES, ResidualPolicy
 from baselines.dreps import DREPS
-from baselines.ga import GA, ElitePolicy
+from baselines.ga import GA, GAPolicy
 from baselines.primitives import DMP, PDFiltered, Primitive, ProMP, Response, WeightDistribution
 from baselines.promp_rl import (
     EwertonProMPRL,
@@ -20,8 +20,8 @@ __all__ = [
     "DREPS",
     "GA",
     "REPS",
-    "ElitePolicy",
     "EwertonProMPRL",
+    "GAPolicy",
     "GaussianPrimitivePolicy",
     "GaussianProcessPolicy",
     "PDFiltered",

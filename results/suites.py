@@ -11,9 +11,14 @@ from benchmark_envs.tasks.push import EXTRAPOLATION_TARGETS, TARGETS
 from results.exceptions import BenchmarkError
 from results.protocols import Extrapolation, LeaveOneOut, OneContext, Protocol, Stream
 from results.specification import Algorithm, RunSpecification, Suite
-from sb3_nmp.acnmp import Exploration
-from sb3_nmp.common.cnmp import CNMPSettings, PretrainingSettings
-from sb3_nmp.common.noise import SmoothNoise
+from sb3_nmp import (
+    ACNMPAdaptation,
+    ACNMPCritic,
+    ACNMPExploration,
+    CNMPArchitecture,
+    CNMPPretraining,
+    SmoothNoise,
+)
 
 # Hyper-parameters are chosen on seeds of 1000 and above, which no reported run uses.
 ALGORITHMS: dict[str, Algorithm] = {
@@ -33,12 +38,12 @@ ABLATIONS: dict[str, Algorithm] = {
     "RC-NMP": ALGORITHMS["RC-NMP"],
     "no explorer": _rcnmp(n_explorers=0),
     "no network (GA)": ALGORITHMS["GA"],
-    "no crossover": _rcnmp(n_sampled=20, n_crossover=0),
+    "no crossover": _rcnmp(n_crossover=0),
     "latent parents only": _rcnmp(elite_parents=0.0),
     "no mutation": _rcnmp(mutation=None),
     "dense mutation": _rcnmp(mutation_rate=1.0),
     "rough mutation": _rcnmp(mutation=SmoothNoise(n_bases=20)),
-    "isotropic mutation": _rcnmp(mutation=SmoothNoise(0.15)),
+    "isotropic mutation": _rcnmp(exploration_scale=0.15),
     "no PD controller": _rcnmp(pd_controller=None),
     "no reward condition": _rcnmp(reward_conditioning=False),
     "no KL term": _rcnmp(beta=0.0),
@@ -58,7 +63,7 @@ def _acnmp(**settings: object) -> Algorithm:
 
 
 # The pushes shown span what is to be found: nearly all of the noise is like them.
-_PUSH = Exploration(shaped=0.99)
+_PUSH = ACNMPExploration.preset("push")
 _EWERTON = Algorithm(
     "baselines:EwertonProMPRL",
     description="one ProMP, Gaussian processes, relevance-weighted policy optimisation",
@@ -88,7 +93,6 @@ PUSH_ALGORITHMS: dict[str, Algorithm] = {
     "RC-NMP": replace(
         ALGORITHMS["RC-NMP"],
         settings={"pd_controller": None},
-        shown_as="initial_trajectories",
         pretrained=False,
     ),
 }
@@ -107,12 +111,12 @@ POURING_ALGORITHMS: dict[str, Algorithm] = {
     "DREPS": replace(ALGORITHMS["DREPS"], settings={"population_size": 9}),
     "RC-NMP": replace(
         PUSH_ALGORITHMS["RC-NMP"],
-        settings={"pd_controller": None, "n_sampled": 4, "n_crossover": 2},
+        settings={"pd_controller": None, "population_size": 6, "n_crossover": 2},
     ),
 }
 # Grasp, carry and release are apart in time: with fewer bases they move each other.
 PICK_ALGORITHMS: dict[str, Algorithm] = {
-    "ACNMP": _acnmp(population_size=1, exploration=Exploration(n_bases=8)),
+    "ACNMP": _acnmp(population_size=1, exploration=ACNMPExploration(n_bases=8)),
     "CMA-ES context": replace(
         _CMAES, settings={"n_bases": 8, "context_std": 0.3, "population_size": 4}
     ),
@@ -134,20 +138,26 @@ PUSH_ABLATIONS: dict[str, Algorithm] = {
     "contexts too": _acnmp(exploration=replace(_PUSH, context=0.5)),
     "noise not shaped": _acnmp(exploration=replace(_PUSH, shaped=0.0)),
     "noise half shaped": _acnmp(),
-    "no pull": _acnmp(exploration=replace(_PUSH, pull=0.0)),
+    "no pull": _acnmp(exploration=_PUSH, critic=ACNMPCritic(pull=0.0)),
     "thesis's decoder": _acnmp(
         exploration=_PUSH,
-        policy_kwargs={"cnmp": CNMPSettings(context_in_decoder=True, linear_trend=False)},
+        policy_kwargs={"cnmp": CNMPArchitecture(context_in_decoder=True, linear_trend=False)},
     ),
-    "policy gradient, to go": _acnmp(exploration=_PUSH, use_critic=False, advantage="to_go"),
-    "policy gradient, steps": _acnmp(exploration=_PUSH, use_critic=False, advantage="step"),
+    "policy gradient, to go": _acnmp(
+        exploration=_PUSH, search="policy", adaptation=ACNMPAdaptation("to_go")
+    ),
+    "policy gradient, steps": _acnmp(
+        exploration=_PUSH, search="policy", adaptation=ACNMPAdaptation("step")
+    ),
     "policy gradient, pairs": _acnmp(
-        exploration=_PUSH, use_critic=False, advantage="step", population_size=2
+        exploration=_PUSH,
+        search="policy",
+        adaptation=ACNMPAdaptation("step"),
+        population_size=2,
     ),
     "RL only": _acnmp(
-        use_critic=False,
-        advantage="to_go",
-        supervised=False,
+        search="policy",
+        adaptation=ACNMPAdaptation("to_go", supervised=False),
         exploration=replace(_PUSH, latent=0.0, shaped=0.0),
     ),
 }
@@ -160,11 +170,11 @@ _STREAM: dict[str, object] = {
     # nearer than 0.63 m, and ends with half of that: what is learned is better than what suffices.
     "reward_threshold": (-0.1, -0.05),
     "max_generations": 15,
-    "exploration": Exploration(sigma=0.2, latent=0.25, n_bases=6),
-    "pretraining": PretrainingSettings(n_steps=4000, batch_size=32),
-    "n_training_steps": 0,
-    "n_assimilation_steps": 200,
-    "policy_kwargs": {"cnmp": CNMPSettings(context_in_decoder=True)},
+    "exploration_scale": 0.2,
+    "exploration": ACNMPExploration.preset("stream"),
+    "pretraining": CNMPPretraining.preset("stream"),
+    "adaptation": ACNMPAdaptation.preset("stream"),
+    "policy_kwargs": {"cnmp": CNMPArchitecture.preset("stream")},
 }
 APERTURE_ALGORITHMS: dict[str, Algorithm] = {
     "ACNMP": _acnmp(**_STREAM),
@@ -172,16 +182,18 @@ APERTURE_ALGORITHMS: dict[str, Algorithm] = {
 }
 APERTURE_ABLATIONS: dict[str, Algorithm] = {
     "ACNMP": APERTURE_ALGORITHMS["ACNMP"],
-    "policy gradient too": _acnmp(**_STREAM | {"n_training_steps": 10}),
+    "policy gradient too": _acnmp(
+        **_STREAM | {"adaptation": replace(ACNMPAdaptation.preset("stream"), n_training_steps=10)}
+    ),
     "no threshold": _acnmp(**_STREAM | {"reward_threshold": None}),
     "one threshold": _acnmp(**_STREAM | {"reward_threshold": -0.1}),
     "no latents": _acnmp(
-        **_STREAM | {"exploration": Exploration(sigma=0.2, latent=0.0, n_bases=6)}
+        **_STREAM | {"exploration": replace(ACNMPExploration.preset("stream"), latent=0.0)}
     ),
     "context through latents": _acnmp(**_STREAM | {"policy_kwargs": {}}),
     "no linear trend": _acnmp(
         **_STREAM
-        | {"policy_kwargs": {"cnmp": CNMPSettings(context_in_decoder=True, linear_trend=False)}}
+        | {"policy_kwargs": {"cnmp": CNMPArchitecture(context_in_decoder=True, linear_trend=False)}}
     ),
 }
 

@@ -1,27 +1,37 @@
 """Robot skill learning by neural movement primitives, as Stable-Baselines3 algorithms."""
 
-from sb3_nmp.acnmp import ACNMP, ACNMPPolicy, Exploration
+from sb3_nmp.acnmp import ACNMP, ACNMPAdaptation, ACNMPCritic, ACNMPExploration, ACNMPPolicy
 from sb3_nmp.common.algorithm import TrajectoryAlgorithm
-from sb3_nmp.common.cnmp import CNMPSettings, PretrainingSettings
 from sb3_nmp.common.demonstrations import Demonstrations
-from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
+from sb3_nmp.common.exceptions import (
+    ConfigurationError,
+    FileFormatError,
+    InvalidDataError,
+    UnknownArgumentError,
+)
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.pd_controller import PDController
-from sb3_nmp.rcnmp import RCNMP, TrainingSettings
+from sb3_nmp.models.cnmp import CNMPArchitecture
+from sb3_nmp.models.cnmp_training import CNMPPretraining
+from sb3_nmp.rcnmp import RCNMP, RCNMPPolicy, RCNMPTraining
 
 __all__ = [
     "ACNMP",
     "RCNMP",
+    "ACNMPAdaptation",
+    "ACNMPCritic",
+    "ACNMPExploration",
     "ACNMPPolicy",
-    "CNMPSettings",
+    "CNMPArchitecture",
+    "CNMPPretraining",
     "ConfigurationError",
     "Demonstrations",
-    "Exploration",
     "FileFormatError",
     "InvalidDataError",
     "PDController",
-    "PretrainingSettings",
+    "RCNMPPolicy",
+    "RCNMPTraining",
     "SmoothNoise",
-    "TrainingSettings",
     "TrajectoryAlgorithm",
+    "UnknownArgumentError",
 ]

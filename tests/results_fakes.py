@@ -16,10 +16,11 @@ from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 
 from benchmark_envs import Rollouts, Task, registry
 from benchmark_envs.task import FloatArray
-from sb3_nmp.common.algorithm import Generation, TrajectoryAlgorithm
+from sb3_nmp.common.algorithm import TrajectoryAlgorithm
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.policies import TrajectoryPolicy
+from sb3_nmp.common.rollouts import Generation
 
 
 class BestPolicy(TrajectoryPolicy):
@@ -53,9 +54,7 @@ class HillClimber(TrajectoryAlgorithm):
     ) -> None:
         self.noise = noise or SmoothNoise(sigma)
         self.best_reward = -np.inf
-        super().__init__(
-            policy, env, population_size, 0.0, None, 100, None, 0, seed, "cpu", True
-        )  # fmt: skip
+        super().__init__(policy, env, population_size=population_size, seed=seed)
 
     @property
     def best_policy(self) -> BestPolicy:
@@ -201,7 +200,7 @@ class Adaptive(TrajectoryAlgorithm):
             raise ValueError("Adaptive needs demonstrations.")
         self.step = step
         self.context: NDArray[np.float32] | None = None
-        super().__init__(policy, env, n_steps, 0.0, None, 100, None, 0, seed, "cpu", True)
+        super().__init__(policy, env, population_size=n_steps, seed=seed)
         for context, trajectory in zip(
             demonstrations.contexts, demonstrations.trajectories, strict=True
         ):

@@ -12,24 +12,30 @@ import torch as th
 
 from sb3_nmp import (
     ACNMP,
-    CNMPSettings,
+    ACNMPAdaptation,
+    ACNMPCritic,
+    ACNMPExploration,
+    CNMPArchitecture,
+    CNMPPretraining,
     ConfigurationError,
     Demonstrations,
-    Exploration,
     InvalidDataError,
-    PretrainingSettings,
 )
-from sb3_nmp.acnmp.critic import Critic, RewardCritic, normal_scores, two_sided, varying_costs
+from sb3_nmp.acnmp.critic import Critic, normal_scores, two_sided, varying_costs
 from sb3_nmp.acnmp.exploration import directions, noise_directions, spread_over_time
+from sb3_nmp.acnmp.gaussian_process import GaussianProcess, Hypotheses
 from sb3_nmp.acnmp.losses import advantages, policy_gradient_loss
-from sb3_nmp.acnmp.search import LatentSearch, views
-from sb3_nmp.common.algorithm import Generation
-from sb3_nmp.common.cnmp import CNMP, pretrain
+from sb3_nmp.acnmp.search import CriticSearch, PolicySearch, Subspace, views
+from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.models.cnmp import CNMP
+from sb3_nmp.models.cnmp_training import pretrain
 
 T = 20
 TIMES = np.linspace(0.0, 1.0, T)
-SMALL = CNMPSettings(representation_dim=4, encoder_arch=(16,), decoder_arch=(32,), n_frequencies=2)
-QUICK = PretrainingSettings(n_steps=300)
+SMALL = CNMPArchitecture(
+    representation_dim=4, encoder_arch=(16,), decoder_arch=(32,), n_frequencies=2
+)
+QUICK = CNMPPretraining(n_steps=300)
 
 
 def expert(contexts: np.ndarray) -> np.ndarray:
@@ -81,12 +87,16 @@ def demonstrations() -> Demonstrations:
 def cnmp(demonstrations: Demonstrations) -> CNMP:
     th.manual_seed(0)
     untrained = CNMP(1, (T, 1), SMALL)
-    return pretrain(demonstrations, PretrainingSettings(1000), np.random.default_rng(0), untrained)
+    return pretrain(demonstrations, CNMPPretraining(1000), np.random.default_rng(0), untrained)
 
 
 def build(demonstrations: Demonstrations, env: gym.Env[Any, Any], **more: Any) -> ACNMP:
     settings = {"pretraining": QUICK, "policy_kwargs": {"cnmp": SMALL}, "seed": 0, **more}
     return ACNMP("MlpPolicy", env, demonstrations=demonstrations, **settings)
+
+
+def hypotheses(*views: np.ndarray) -> Hypotheses:
+    return Hypotheses(views, ACNMPCritic().lengths, ACNMPCritic().noises)
 
 
 def generation(trajectories: np.ndarray, rewards: np.ndarray, **more: Any) -> Generation:
@@ -146,15 +156,23 @@ def test_the_representation_tells_demonstrations_apart(
 
 def test_settings_outside_their_range_are_refused() -> None:
     with pytest.raises(ConfigurationError, match="n_steps is -1"):
-        PretrainingSettings(n_steps=-1)
+        CNMPPretraining(n_steps=-1)
     with pytest.raises(ConfigurationError, match="learning_rate is 0"):
-        PretrainingSettings(learning_rate=0)
+        CNMPPretraining(learning_rate=0)
     with pytest.raises(ConfigurationError, match=r"latent is -1.*>= 0"):
-        Exploration(latent=-1)
+        ACNMPExploration(latent=-1)
     with pytest.raises(ConfigurationError, match="nothing is explored"):
-        Exploration(latent=0, noise=0)
-    with pytest.raises(ConfigurationError, match="sigma is 0"):
-        Exploration(sigma=0.0)
+        ACNMPExploration(latent=0, noise=0)
+    with pytest.raises(ConfigurationError, match="radius is 0"):
+        ACNMPExploration(radius=0)
+    with pytest.raises(ConfigurationError, match=r"pull is -1; it must be >= 0"):
+        ACNMPCritic(pull=-1)
+    with pytest.raises(ConfigurationError, match="at least one value"):
+        ACNMPCritic(lengths=())
+    with pytest.raises(ConfigurationError, match=r"no advantage 'best'; there are to_go, step"):
+        ACNMPAdaptation(advantage="best")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(ConfigurationError, match="n_training_steps is -1"):
+        ACNMPAdaptation(n_training_steps=-1)
 
 
 # -- exploration ---------------------------------------------------------------------------------
@@ -162,8 +180,8 @@ def test_settings_outside_their_range_are_refused() -> None:
 
 def test_directions_have_the_scale_asked_for(cnmp: CNMP, demonstrations: Demonstrations) -> None:
     def found(**settings: float) -> np.ndarray:
-        off: dict[str, Any] = {"sigma": 0.2, "latent": 0.0, "noise": 0.0, **settings}
-        return directions(Exploration(**off), cnmp, demonstrations, np.array([0.3]))
+        off: dict[str, Any] = {"latent": 0.0, "noise": 0.0, **settings}
+        return directions(ACNMPExploration(**off), (0.2,), cnmp, demonstrations, np.array([0.3]))
 
     def rms(direction: np.ndarray) -> float:
         return float(np.sqrt((direction**2).mean()))
@@ -213,12 +231,12 @@ def test_the_critic_predicts_a_smooth_function() -> None:
     def value(x: np.ndarray) -> np.ndarray:
         return -((x - 0.5) ** 2).sum(axis=1)
 
-    critic = Critic.fit(points, value(points), (np.eye(3),))
+    critic = GaussianProcess.fit(points, value(points), hypotheses(np.eye(3)))
     mean, std = critic.predict(fresh)
     assert np.corrcoef(mean, value(fresh))[0, 1] > 0.98
     _, far = critic.predict(10 + fresh)
     assert far.min() > std.max()
-    believer = critic.believing(fresh[:1])
+    believer = critic.condition_on_mean(fresh[:1])
     assert believer.predict(fresh[:1])[1][0] < std[0]
     assert believer.predict(fresh[:1])[0][0] == pytest.approx(mean[0], abs=1e-2)
 
@@ -231,10 +249,11 @@ def test_the_critic_looks_at_the_moment_that_a_cost_depends_on() -> None:
     def cost_at_the_end(x: np.ndarray) -> np.ndarray:
         return -np.sum((np.tensordot(x, directions[:, -1], axes=1) - 0.2) ** 2, axis=1)
 
-    every, *moments = views(directions)
-    critic = Critic.fit(points, cost_at_the_end(points), (every, *moments))
+    every, *moments = views(directions, 9)
+    values = cost_at_the_end(points)
+    critic = GaussianProcess.fit(points, values, hypotheses(every, *moments))
     assert critic.view is moments[-1]
-    whole = Critic.fit(points, cost_at_the_end(points), (every,))
+    whole = GaussianProcess.fit(points, values, hypotheses(every))
     errors = [np.abs(each.predict(fresh)[0] - cost_at_the_end(fresh)) for each in (critic, whole)]
     assert errors[0].mean() < errors[1].mean() / 3
 
@@ -244,10 +263,10 @@ def test_costs_that_add_up_to_the_reward_are_predicted_apart() -> None:
     costs = {"a": -rng.random(9), "b": -rng.random(9), "zero": np.zeros(9)}
     rollouts = generation(np.zeros((9, T, 1)), costs["a"] + costs["b"], terms=costs)
     assert len(varying_costs(rollouts)) == 2
-    assert len(RewardCritic.fit(rng.random((9, 2)), rollouts, (np.eye(2),)).squares) == 2
+    assert len(Critic.fit(rng.random((9, 2)), rollouts, hypotheses(np.eye(2))).squares) == 2
     unrelated = generation(np.zeros((9, T, 1)), rng.random(9), terms=costs)
     assert varying_costs(unrelated) == []
-    assert RewardCritic.fit(rng.random((9, 2)), unrelated, (np.eye(2),)).whole is not None
+    assert Critic.fit(rng.random((9, 2)), unrelated, hypotheses(np.eye(2))).whole is not None
     assert normal_scores(np.array([3.0, 1.0, 2.0])).argmax() == 0
 
 
@@ -261,44 +280,65 @@ def test_too_little_and_too_much_are_two_sides_of_one_error() -> None:
     assert len(alone) == 1 and alone[0] is other
     assert two_sided([short, short + 0.1])[1] == []
     terms = {"short": -short, "excess": -excess}
-    critic = RewardCritic.fit(
-        points, generation(np.zeros((8, T, 1)), -np.abs(error), terms=terms), (np.eye(1),)
-    )
+    rollouts = generation(np.zeros((8, T, 1)), -np.abs(error), terms=terms)
+    critic = Critic.fit(points, rollouts, hypotheses(np.eye(1)))
     tried = np.linspace(-2, 2, 401)[:, None]
-    best = tried[critic.optimistic(tried, rng).argmax(), 0]
+    best = tried[critic.draw_upper_bounds(tried, rng).argmax(), 0]
     assert best == pytest.approx(2 / 3, abs=0.05)
 
 
-@pytest.mark.parametrize("use_critic", [True, False])
-def test_a_search_begins_with_the_greedy_trajectory_and_knows_its_coordinates(
-    use_critic: bool,
-) -> None:
+def test_the_critics_search_begins_with_the_greedy_trajectory_and_knows_its_coordinates() -> None:
     rng = np.random.default_rng(0)
-    along = rng.standard_normal((3, T, 1))
-    search = LatentSearch(np.ones((T, 1)), along, use_critic=use_critic)
+    space = Subspace(np.ones((T, 1)), rng.standard_normal((3, T, 1)))
+    search = CriticSearch(space, 0.7)
     tried = search.ask(5, rng)
-    np.testing.assert_array_equal(tried[0], search.mean)
+    np.testing.assert_array_equal(tried[0], space.origin)
     search.tell(generation(tried, -np.arange(5.0)))
-    rebuilt = search.mean + np.tensordot(search.coordinates, along, axes=1)
-    np.testing.assert_allclose(rebuilt, tried, atol=1e-6)
+    np.testing.assert_allclose(space.trajectories(search.points), tried, atol=1e-6)
     again = search.ask(4, rng)
     assert again.shape == (4, T, 1)
-    assert np.array_equal(again[0], search.mean) is not use_critic
+    assert not np.array_equal(again[0], space.origin)
+
+
+def test_the_trust_region_grows_with_success_and_shrinks_without() -> None:
+    rng = np.random.default_rng(0)
+    space = Subspace(np.zeros((T, 1)), rng.standard_normal((3, T, 1)))
+    settings = ACNMPCritic(growth=2.0, shrinkage=0.5, radius_limits=(0.3, 1.0))
+    search = CriticSearch(space, 0.8, settings)
+    radii = []
+    for rewards in ([-3.0, -2.0], [-1.0, -2.0], [-4.0, -4.0], [-4.0, -4.0], [0.0, -4.0]):
+        search.tell(generation(search.ask(2, rng), np.array(rewards)))
+        radii.append(search.region.radius)
+    assert radii == [0.8, 1.0, 0.5, 0.3, 0.6]
+
+
+def test_the_policys_search_stays_around_the_answer_that_it_follows() -> None:
+    rng = np.random.default_rng(0)
+    search = PolicySearch(Subspace(np.ones((T, 1)), rng.standard_normal((3, T, 1))), 0.7)
+    for answer in (1.0, 5.0):
+        search.follow(np.full((T, 1), answer))
+        for _ in range(2):
+            tried = search.ask(4, rng)
+            search.tell(generation(tried, -np.arange(4.0)))
+            np.testing.assert_array_equal(tried[0], np.full((T, 1), answer))
+            coordinates = search.space.coordinates(tried[1:])
+            np.testing.assert_allclose(search.space.trajectories(coordinates), tried[1:])
+    assert len(search.rollouts) == 4
 
 
 def test_the_critic_finds_the_optimum_with_fewer_rollouts_than_chance() -> None:
-    def best(use_critic: bool, seed: int) -> float:
+    def best(kind: Any, seed: int) -> float:
         rng = np.random.default_rng(seed)
         along = np.linalg.qr(rng.standard_normal((T, 6)))[0].T[..., None]
         goal = np.tensordot(rng.standard_normal(6), along, axes=1)
-        search = LatentSearch(np.zeros((T, 1)), along, use_critic=use_critic)
+        search = kind(Subspace(np.zeros((T, 1)), along), 0.7)
         for _ in range(8):
             tried = search.ask(5, rng)
             search.tell(generation(tried, -((tried - goal) ** 2).sum(axis=(1, 2))))
-        return -search.rewards.max()
+        return -max(part.rewards.max() for part in search.rollouts)
 
-    with_critic = np.median([best(True, seed) for seed in range(5)])
-    without = np.median([best(False, seed) for seed in range(5)])
+    with_critic = np.median([best(CriticSearch, seed) for seed in range(5)])
+    without = np.median([best(PolicySearch, seed) for seed in range(5)])
     assert with_critic < 0.2 * without
 
 
@@ -306,12 +346,12 @@ def test_the_pull_keeps_the_search_where_the_reward_tells_nothing() -> None:
     def wandered(pull: float, seed: int) -> float:
         rng = np.random.default_rng(seed)
         along = np.linalg.qr(rng.standard_normal((T, 6)))[0].T[..., None]
-        search = LatentSearch(np.zeros((T, 1)), along, pull=pull)
+        search = CriticSearch(Subspace(np.zeros((T, 1)), along), 0.7, ACNMPCritic(pull=pull))
         for _ in range(12):
             tried = search.ask(2, rng)
             error = np.abs(tried[..., 0] @ along[0, :, 0] - 1.0)
             search.tell(generation(tried, -error, terms={"a": -error / 2, "b": -error / 2}))
-        best = search.coordinates[search.rewards.argmax()]
+        best = search.points[search.rewards.argmax()]
         assert abs(best[0] - 1.0) < 0.1
         return float(np.linalg.norm(best[1:]))
 
@@ -332,10 +372,10 @@ def test_advantages_follow_their_definitions() -> None:
     step = advantages("step", rollouts)
     assert step[0, 0] == 0  # no difference at the first step
     assert step[1, 2] > step[1, 1] > 0
-    np.testing.assert_allclose(advantages("return", rollouts)[:, 0], [-1, 1])
     np.testing.assert_allclose(advantages("place", rollouts).sum(axis=0), 1.0)
     without = generation(np.zeros((2, 3, 1)), steps.sum(axis=1))
-    np.testing.assert_allclose(advantages("to_go", without), advantages("return", without))
+    for kind in ("to_go", "step"):
+        np.testing.assert_allclose(advantages(kind, without), [[-1] * 3, [1] * 3])
 
 
 def test_the_loss_has_the_policy_gradient() -> None:
@@ -352,7 +392,11 @@ def test_the_loss_has_the_policy_gradient() -> None:
 
 @pytest.mark.parametrize(
     "settings",
-    [{}, {"use_critic": False, "advantage": "to_go"}, {"supervised": False}],
+    [
+        {},
+        {"search": "policy", "adaptation": ACNMPAdaptation("to_go")},
+        {"adaptation": ACNMPAdaptation(supervised=False)},
+    ],
     ids=["critic", "policy gradient", "RL only"],
 )
 def test_it_adapts_to_a_context_outside_the_demonstrations(
@@ -375,12 +419,12 @@ def test_it_adapts_to_a_context_outside_the_demonstrations(
 def test_a_stream_that_the_policy_solves_triggers_no_search(
     demonstrations: Demonstrations,
 ) -> None:
-    shown = PretrainingSettings(1500)
+    shown = CNMPPretraining(1500)
     env = Reach(tolerance=0.2)
     model = build(demonstrations, env, pretraining=shown, population_size=4).pretrain()
     before = {key: value.clone() for key, value in model.policy.cnmp.state_dict().items()}
     model.learn(40)
-    assert (model.num_timesteps, model.cases, len(model.replay_buffer)) == (40, [], 0)
+    assert (model.num_timesteps, model.searches, len(model.replay_buffer)) == (40, [], 0)
     for key, value in model.policy.cnmp.state_dict().items():
         assert th.equal(value, before[key])
 
@@ -389,7 +433,9 @@ def test_a_stream_outside_the_demonstrations_teaches_the_policy(
     demonstrations: Demonstrations,
 ) -> None:
     env = Reach(low=1.2, high=2.2)
-    model = build(demonstrations, env, n_assimilation_steps=200).pretrain()
+    model = build(
+        demonstrations, env, adaptation=ACNMPAdaptation(n_assimilation_steps=200)
+    ).pretrain()
     fresh = np.linspace(1.25, 2.15, 20, dtype=np.float32)[:, None]
 
     def error() -> float:
@@ -443,14 +489,14 @@ def test_bad_input_is_refused_before_training(demonstrations: Demonstrations) ->
     wrong_length = Demonstrations(np.zeros((2, 1)), np.zeros((2, T + 1, 1)))
     with pytest.raises(InvalidDataError, match=r"\(21, 1\).*\(20, 1\)"):
         build(wrong_length, env)
-    with pytest.raises(ConfigurationError, match=r"no advantage 'best'; there are to_go, step"):
-        build(demonstrations, env, advantage="best")
+    with pytest.raises(
+        ConfigurationError, match="no search 'best'; there are 'critic' and 'policy'"
+    ):
+        build(demonstrations, env, search="best")
     with pytest.raises(ConfigurationError, match="max_generations is 0"):
         build(demonstrations, env, max_generations=0)
     with pytest.raises(ConfigurationError, match=r"begins below -0.1 must not end with less"):
         build(demonstrations, env, reward_threshold=(-0.1, -0.2))
-    with pytest.raises(ConfigurationError, match="n_training_steps is -1"):
-        build(demonstrations, env, n_training_steps=-1)
 
 
 def test_an_environment_that_ignores_the_context_option_is_told_so(

@@ -21,7 +21,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from benchmark_envs import TrajectoryVecEnv
 from sb3_nmp import ConfigurationError, TrajectoryAlgorithm
-from sb3_nmp.common.algorithm import Generation
+from sb3_nmp.common.rollouts import Generation
 from tests.registry import ALGORITHMS, ENV_ID, POPULATION
 
 EVERY = pytest.mark.parametrize("algorithm", ALGORITHMS, ids=lambda a: a.__name__)

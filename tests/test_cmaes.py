@@ -13,8 +13,8 @@ import benchmark_envs  # noqa: F401  (registers the tasks)
 from baselines import CMAES
 from baselines.cmaes.search import FloatArray, ResidualSearch, ResidualSpace
 from sb3_nmp import ConfigurationError, Demonstrations, InvalidDataError, SmoothNoise
-from sb3_nmp.common.algorithm import Generation
-from sb3_nmp.common.cnmp import PretrainingSettings
+from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.models.cnmp_training import CNMPPretraining
 
 SHAPE = (50, 2)
 ENV_ID = "nmp/Bottles-v0"
@@ -38,7 +38,7 @@ def generation(trajectories: FloatArray, target: FloatArray) -> Generation:
 
 
 def make(**more: Any) -> CMAES:
-    settings: dict[str, Any] = {"pretraining": PretrainingSettings(5), "seed": 0}
+    settings: dict[str, Any] = {"pretraining": CNMPPretraining(5), "seed": 0}
     return CMAES("MlpPolicy", ENV_ID, **(settings | more))
 
 
@@ -117,19 +117,19 @@ class TestAlgorithm:
 
     def test_it_learns_the_bottles_from_the_initial_trajectory(self) -> None:
         model = make(n_bases=8, population_size=10).learn(600)
-        assert model.cases[0].solution is not None
+        assert model.searches[0].solution is not None
 
     def test_demonstrations_are_learned_before_the_first_rollout(self) -> None:
         shown = Demonstrations.from_task(ENV_ID, 2, seed=0)
-        model = make(demonstrations=shown, pretraining=PretrainingSettings(400))
+        model = make(demonstrations=shown, pretraining=CNMPPretraining(400))
         predicted = model.predict(shown.contexts.astype(np.float32), deterministic=True)[0]
         assert np.sqrt(np.mean((predicted - shown.trajectories) ** 2)) < 0.05
 
     def test_solved_contexts_are_remembered(self) -> None:
         shown = Demonstrations.from_task(ENV_ID, 3, seed=0)
-        model = make(demonstrations=shown, pretraining=PretrainingSettings(400))
+        model = make(demonstrations=shown, pretraining=CNMPPretraining(400))
         model.learn(100)
-        case = model.cases[0]
+        case = model.searches[0]
         assert case.solution is not None
         assert_array_equal(model.predict(case.context, deterministic=True)[0], case.solution)
 
@@ -138,11 +138,11 @@ class TestAlgorithm:
         [
             ({"population_size": 2}, "population_size is 2"),
             ({"n_bases": 1}, "n_bases is 1"),
-            ({"sigma": -0.1}, r"sigma is -0\.1"),
+            ({"exploration_scale": -0.1}, r"exploration_scale is -0\.1"),
             ({"context_std": -0.1}, r"context_std is -0\.1"),
             ({"context_std": np.nan}, "context_std is nan"),
             ({"context_std": 0.3}, r"context_std is 0\.3, but there are no demonstrations"),
-            ({"sigma": (0.1, 0.1, 0.1)}, "tuple of 2: one a dimension"),
+            ({"exploration_scale": (0.1, 0.1, 0.1)}, "tuple of 2: one per dimension"),
             ({"demonstrations": np.zeros((2, 200, 2))}, "must be Demonstrations"),
         ],
     )

@@ -14,10 +14,10 @@ from baselines.ga.ga import crossover_pairs
 from sb3_nmp.common.buffer import TrajectoryBuffer, scale_rewards, selection_weights
 from sb3_nmp.common.elites import EliteMemory
 from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
-from sb3_nmp.common.networks import NeuralProcess
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.pd_controller import PDController
 from sb3_nmp.common.population import blend
+from sb3_nmp.models.neural_process import NeuralProcess
 
 REWARDS = arrays(np.int64, st.integers(1, 60), elements=st.integers(-999, 999)).map(
     lambda rewards: rewards / 8

@@ -20,7 +20,7 @@ from baselines.promp_rl.reps_search import RepsSearch, RepsSettings, decode
 from baselines.promp_rl.transfer import collapse, neighbour_distance, target_relevance
 from baselines.reps.gaussian import FitSettings
 from sb3_nmp import ConfigurationError, Demonstrations, InvalidDataError, PDController
-from sb3_nmp.common.algorithm import Generation
+from sb3_nmp.common.rollouts import Generation
 
 N_TIME_POINTS = 60
 PROMP = ProMP(n_bases=5, n_time_points=40)
@@ -314,12 +314,12 @@ class TestAlgorithms:
 
     def test_a_pinned_context_is_adapted_to(self, algorithm: Any) -> None:
         env = ArcEnv(context=(1.4, -1.4))
-        model = make(algorithm, env, population_size=10, initial_sigma=0.2)
+        model = make(algorithm, env, population_size=10, exploration_scale=0.2)
         greedy, _ = model.predict(np.array(env.pinned, np.float32), deterministic=True)
         env.reset()
         assert not env.step(greedy)[4]["is_success"]
         model.learn(500)
-        assert model.cases[0].solution is not None
+        assert model.searches[0].solution is not None
         greedy, _ = model.predict(np.array(env.pinned, np.float32), deterministic=True)
         assert env.step(greedy)[4]["is_success"]
 
@@ -360,8 +360,8 @@ class TestAlgorithms:
         [
             ({"population_size": 1}, "population_size is 1"),
             ({"epsilon": 0.0}, r"epsilon is 0\.0"),
-            ({"initial_sigma": -1.0}, r"initial_sigma is -1\.0"),
-            ({"min_sigma": (0.1, 0.1)}, "tuple of 1: one a dimension"),
+            ({"exploration_scale": -1.0}, r"exploration_scale is -1\.0"),
+            ({"min_sigma": (0.1, 0.1)}, "tuple of 1: one per dimension"),
             ({"policy_kwargs": {"n_bases": 1}}, "n_bases is 1"),
             ({"demonstrations": None}, "demonstrations"),
         ],

@@ -12,12 +12,20 @@ from torch.distributions import Normal, kl_divergence
 
 from benchmark_envs import TrajectoryVecEnv, make_task
 from benchmark_envs.tasks.bottles import BOTTLES
-from sb3_nmp import RCNMP, ConfigurationError, PDController, SmoothNoise, TrainingSettings
-from sb3_nmp.common.networks import NeuralProcess
+from sb3_nmp import (
+    RCNMP,
+    ConfigurationError,
+    Demonstrations,
+    InvalidDataError,
+    PDController,
+    RCNMPTraining,
+    SmoothNoise,
+)
+from sb3_nmp.models.neural_process import NeuralProcess
 from sb3_nmp.rcnmp.training import Batch, elbo
 
 ENV_ID = "nmp/Bottles-v0"
-QUICK: dict[str, Any] = {"n_sampled": 4, "n_crossover": 6, "training": TrainingSettings(3)}
+QUICK: dict[str, Any] = {"population_size": 10, "n_crossover": 6, "training": RCNMPTraining(3)}
 
 
 def learned(budget: int = 30, **settings: Any) -> RCNMP:
@@ -59,7 +67,7 @@ def test_the_bound_is_the_log_likelihood_minus_beta_times_the_divergence() -> No
 def test_training_raises_the_bound_and_the_reward_decides_what_is_generated() -> None:
     """Trajectories whose height grows with reward: the network must give the asked height."""
     rng = np.random.default_rng(0)
-    model = RCNMP("MlpPolicy", ENV_ID, seed=0, temperature=math.inf, training=TrainingSettings(400))
+    model = RCNMP("MlpPolicy", ENV_ID, seed=0, temperature=math.inf, training=RCNMPTraining(400))
     space: Any = model.action_space
     height = np.linspace(-0.1, 0.1, 60)
     line = make_task(ENV_ID).initial_trajectory(BOTTLES)
@@ -98,7 +106,7 @@ def test_the_first_rollout_is_the_initial_trajectory_and_its_reward_counts() -> 
 def test_children_come_in_pairs_with_swapped_parents_and_one_cut() -> None:
     model = learned(10)
     model._draw_members()
-    plan = model._plan
+    plan = model._parents
     assert plan is not None
     children, twins = slice(4, 7), slice(7, 10)
     for array in (plan.latents, plan.rows):
@@ -117,8 +125,8 @@ def test_elite_parents_can_be_all_or_none() -> None:
     for share, stored in ((0.0, False), (1.0, True)):
         model = learned(10, elite_parents=share)
         model._draw_members()
-        assert model._plan is not None
-        assert ((model._plan.rows[:, 4:] >= 0) == stored).all()
+        assert model._parents is not None
+        assert ((model._parents.rows[:, 4:] >= 0) == stored).all()
 
 
 def test_every_trajectory_passes_the_pd_controller_and_ends_near_the_goal() -> None:
@@ -132,7 +140,7 @@ def test_every_trajectory_passes_the_pd_controller_and_ends_near_the_goal() -> N
     "switch",
     [
         {"n_crossover": 0},
-        {"n_sampled": 0},
+        {"n_crossover": 10},
         {"mutation": None},
         {"mutation": SmoothNoise((0.1, 0.02), n_bases=20)},
         {"mutation_rate": 1.0},
@@ -161,7 +169,8 @@ def test_every_element_can_be_switched(switch: dict[str, Any]) -> None:
 def test_demonstrations_seed_the_search_as_guesses_or_as_rollouts_with_rewards() -> None:
     task = make_task(ENV_ID)
     expert = task.demonstrate(BOTTLES, "s")
-    guessed = learned(10, initial_trajectories=expert)
+    shown = Demonstrations(BOTTLES[None], expert[None])
+    guessed = learned(10, demonstrations=shown)
     assert guessed.replay_buffer.rewards[0] > -1
 
     seeded = RCNMP("MlpPolicy", ENV_ID, seed=0, **QUICK)
@@ -184,7 +193,8 @@ def test_greedy_predict_is_the_best_rollout_of_its_context() -> None:
     ("settings", "rule"),
     [
         ({"n_crossover": 3}, "n_crossover is 3; it must be even"),
-        ({"n_sampled": 0, "n_crossover": 0}, "n_sampled is 0; it must be"),
+        ({"n_crossover": 12}, "n_crossover is 12; it must be even, >= 0 and at most .* of 10"),
+        ({"population_size": 0, "n_crossover": 0}, "population_size is 0; it must be >= 1"),
         ({"mutation_decay": 0.0}, r"mutation_decay is 0\.0; it must be in \(0, 1\]"),
         ({"elite_parents": 1.5}, r"elite_parents is 1\.5; it must be in \[0, 1\]"),
         ({"temperature": 0.0}, r"temperature is 0\.0; it must be > 0"),
@@ -199,11 +209,14 @@ def test_settings_outside_their_range_are_refused(settings: dict[str, Any], rule
         RCNMP("MlpPolicy", ENV_ID, **(QUICK | settings))
 
 
-def test_wrong_initial_trajectories_and_training_settings_are_refused() -> None:
-    with pytest.raises(ConfigurationError, match=r"of shape \(T, D\) = \(200, 2\)"):
-        learned(initial_trajectories=np.zeros((100, 2)))
+def test_wrong_demonstrations_and_training_settings_are_refused() -> None:
+    short = Demonstrations(BOTTLES[None], np.zeros((1, 100, 2)))
+    with pytest.raises(InvalidDataError, match=r"has \(200, 2\); resample them"):
+        learned(demonstrations=short)
+    with pytest.raises(ConfigurationError, match="is a ndarray; it must be Demonstrations"):
+        learned(demonstrations=np.zeros((100, 2)))
     with pytest.raises(ConfigurationError, match="batch_size is 0"):
-        TrainingSettings(batch_size=0)
+        RCNMPTraining(batch_size=0)
 
 
 # -- what it reaches (seeds that neither tuning nor the reported runs use) -----------------------

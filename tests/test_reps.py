@@ -57,7 +57,7 @@ def vec_env(n_envs: int, random: bool = False) -> DummyVecEnv:
     return DummyVecEnv([lambda: BowEnv(random)] * n_envs)
 
 
-SMALL: dict[str, Any] = {"population_size": 12, "n_bases": 5, "initial_sigma": 0.6, "seed": 3}
+SMALL: dict[str, Any] = {"population_size": 12, "n_bases": 5, "exploration_scale": 0.6, "seed": 3}
 ALGORITHMS: list[type[REPS]] = [REPS, DREPS]
 
 
@@ -197,7 +197,7 @@ class TestSearch:
         assert_allclose(mean, BowEnv().initial_trajectory(), atol=0.03)
 
     def test_the_first_trajectories_explore_at_the_asked_scale(self, algorithm: type[REPS]) -> None:
-        settings_: dict[str, Any] = SMALL | {"initial_sigma": (0.2, 0.05)}
+        settings_: dict[str, Any] = SMALL | {"exploration_scale": (0.2, 0.05)}
         model = algorithm("MlpPolicy", vec_env(1), **settings_)
         model.learn(1)
         assert_allclose(model.policy.trajectory_std(), [0.2, 0.05], rtol=1e-6)
@@ -266,8 +266,8 @@ class TestSearch:
             ({"population_size": 1}, "population_size is 1"),
             ({"sample_generations": 0}, "sample_generations is 0"),
             ({"shrinkage": 1.5}, r"shrinkage is 1\.5"),
-            ({"initial_sigma": (0.1, 0.1, 0.1)}, "tuple of 2"),
-            ({"initial_sigma": -1.0}, r"initial_sigma is -1\.0"),
+            ({"exploration_scale": (0.1, 0.1, 0.1)}, "tuple of 2"),
+            ({"exploration_scale": -1.0}, r"exploration_scale is -1\.0"),
             ({"min_sigma": 0.0}, r"min_sigma is 0\.0"),
             ({"primitive": "spline"}, "'promp' and 'dmp'"),
             ({"primitive": "dmp", "pd_controller": PDController()}, "ends at its goal by itself"),

@@ -99,9 +99,9 @@ def test_a_run_is_shown_the_demonstrations_and_begins_with_the_untrained_answer(
 
 
 def _short_pretraining() -> object:
-    from sb3_nmp.common.cnmp import PretrainingSettings
+    from sb3_nmp.models.cnmp_training import CNMPPretraining
 
-    return PretrainingSettings(n_steps=30)
+    return CNMPPretraining(n_steps=30)
 
 
 def test_each_context_has_a_table_of_its_own(folder: Path) -> None:

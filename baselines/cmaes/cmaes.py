@@ -1,20 +1,19 @@
 """`CMAES`: covariance matrix adaptation over a residual of what demonstrations teach (pycma)."""
 
-from typing import Any, ClassVar, cast
+from dataclasses import replace
+from typing import ClassVar, Unpack, cast
 
 import numpy as np
-import torch as th
 from numpy.typing import NDArray
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv
 
 from baselines.cmaes.policies import ResidualPolicy
 from baselines.cmaes.search import ResidualSearch, ResidualSpace
-from sb3_nmp.common.adaptive import AdaptiveAlgorithm, Case
-from sb3_nmp.common.cnmp import PretrainingSettings
-from sb3_nmp.common.demonstrations import Demonstrations
+from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.noise import SmoothNoise
+from sb3_nmp.models.cnmp_training import CNMPPretraining
 
 
 class CMAES(AdaptiveAlgorithm):
@@ -29,28 +28,15 @@ class CMAES(AdaptiveAlgorithm):
     Hansen and Ostermeier, "Completely derandomized self-adaptation in evolution strategies", 2001;
     the implementation is pycma's.
 
-    :param policy: the policy's class or ``"MlpPolicy"``
-    :param env: the environment or its id
-    :param demonstrations: of the expert; None: the search starts from the initial trajectory
-    :param population_size: rollouts a generation and context that is searched, at least 3
-    :param n_bases: smooth bases of the residual, a dimension (`SmoothNoise`)
-    :param sigma: standard deviation of the residual at the start, in the trajectory's unit, one
-        value or one a dimension; None takes the environment's ``exploration_scale``
+    >>> import benchmark_envs
+    >>> CMAES("MlpPolicy", "nmp/Bottles-v0", seed=0).learn(10).num_timesteps
+    10
+
+    :param population_size: rollouts per generation in each context that is searched, at least 3
+    :param n_bases: smooth bases of the residual, per dimension (`SmoothNoise`)
     :param context_std: standard deviation of the context's shift at the start, in standard
         deviations of the demonstrations' contexts; 0 leaves it out
     :param pretraining: how the CNMP learns the demonstrations
-    :param n_contexts: see `AdaptiveAlgorithm`, as for all that follow
-    :param reward_threshold: of a satisfactory rollout; None asks for success alone
-    :param max_generations: after so many a search among drawn contexts is given up
-    :param policy_kwargs: further arguments of the policy
-    :param stats_window_size: rollouts over which the log averages
-    :param tensorboard_log: folder for TensorBoard
-    :param verbose: amount of printing
-    :param seed: of everything random
-    :param device: of the policy
-    :param _init_setup_model: whether to build the policy at once
-    :raises ConfigurationError: a value outside its range, or a population that does not fit
-    :raises InvalidDataError: demonstrations that do not fit the environment
     """
 
     policy: ResidualPolicy
@@ -61,22 +47,13 @@ class CMAES(AdaptiveAlgorithm):
         self,
         policy: str | type[ResidualPolicy],
         env: GymEnv | str,
-        demonstrations: Demonstrations | None = None,
+        *,
         population_size: int = 5,
-        n_bases: int = 5,
-        sigma: float | tuple[float, ...] | None = None,
-        context_std: float = 0.0,
-        pretraining: PretrainingSettings = PretrainingSettings(),  # noqa: B008 (frozen)
-        n_contexts: int | None = None,
-        reward_threshold: float | tuple[float, float] | None = None,
         max_generations: int = 200,
-        policy_kwargs: dict[str, Any] | None = None,
-        stats_window_size: int = 100,
-        tensorboard_log: str | None = None,
-        verbose: int = 0,
-        seed: int | None = None,
-        device: th.device | str = "cpu",
-        _init_setup_model: bool = True,
+        n_bases: int = 5,
+        context_std: float = 0.0,
+        pretraining: CNMPPretraining = CNMPPretraining(),  # noqa: B008 (frozen)
+        **shared: Unpack[AdaptiveArguments],
     ) -> None:
         if population_size < 3:
             raise ConfigurationError(
@@ -87,37 +64,21 @@ class CMAES(AdaptiveAlgorithm):
             raise ConfigurationError(
                 f"context_std is {context_std}; it must be finite and >= 0. Usual values: 0 to 0.5."
             )
-        self.residual = SmoothNoise(sigma, n_bases)
+        self.residual = SmoothNoise(n_bases=n_bases)
         self.context_std, self.pretraining = context_std, pretraining
         self._context_step: NDArray[np.float64] | None = None
         self._has_learned = False
         super().__init__(
-            policy=policy,
-            env=env,
-            demonstrations=demonstrations,
+            policy,
+            env,
             population_size=population_size,
-            n_contexts=n_contexts,
-            reward_threshold=reward_threshold,
             max_generations=max_generations,
-            learning_rate=0.0,
-            policy_kwargs=policy_kwargs,
-            stats_window_size=stats_window_size,
-            tensorboard_log=tensorboard_log,
-            verbose=verbose,
-            seed=seed,
-            device=device,
-            _init_setup_model=_init_setup_model,
+            **shared,
         )
 
     def _setup_model(self) -> None:
         super()._setup_model()
-        shown, n_dimensions = self.demonstrations, self.policy.trajectory_shape[1]
-        sigma = 1.0 if self.residual.sigma is None else self.residual.sigma
-        if np.shape(sigma) not in ((), (n_dimensions,)):
-            raise ConfigurationError(
-                f"sigma is {self.residual.sigma}; it must be one value, or a tuple "
-                f"of {n_dimensions}: one a dimension of the trajectory."
-            )
+        shown = self.demonstrations
         if self._has_learned:
             return
         if shown is not None:
@@ -134,24 +95,13 @@ class CMAES(AdaptiveAlgorithm):
     def _begin_generation(self) -> None:
         if self._n_updates == 0 and not self._has_learned:
             self.policy.set_initial(self.initial_trajectory())
-        for case in self.cases:
-            cast(ResidualSearch, case.search).base = self.policy.base
+        for each in self.searches:
+            cast(ResidualSearch, each.search).base = self.policy.base
         super()._begin_generation()
 
     def _new_search(self, context: NDArray[np.float32]) -> ResidualSearch:
-        sigma = self.residual.sigma
-        noise = SmoothNoise(
-            self.exploration_scale() if sigma is None else sigma,
-            self.residual.n_bases,
-            self.residual.width,
-        )
+        noise = replace(self.residual, sigma=self.first_scale())
         space = ResidualSpace(noise, context.astype(np.float64), self._context_step)
         return ResidualSearch(
             space, self.policy.base, self.policy.trajectory_shape, self.population_size
         )
-
-    def _adapt(self, searched: list[Case], solved: list[Case]) -> None:
-        """Learn nothing: the solutions are remembered by the policy."""
-
-    def check_can_go_on(self) -> None:
-        """Accept a model without its demonstrations: it holds what it has learned from them."""

@@ -8,14 +8,15 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.type_aliases import Schedule
 
-from sb3_nmp.common.adaptive import AdaptivePolicy
-from sb3_nmp.common.cnmp import CNMP, CNMPSettings, PretrainingSettings, pretrain
 from sb3_nmp.common.demonstrations import Demonstrations
+from sb3_nmp.common.policies import ElitePolicy
+from sb3_nmp.models.cnmp import CNMP, CNMPArchitecture
+from sb3_nmp.models.cnmp_training import CNMPPretraining, pretrain
 
 FloatArray = NDArray[np.float64]
 
 
-class ResidualPolicy(AdaptivePolicy):
+class ResidualPolicy(ElitePolicy):
     """A CNMP that was trained on demonstrations; without them, one trajectory for all contexts.
 
     :param observation_space: contexts, shape (C,)
@@ -32,7 +33,7 @@ class ResidualPolicy(AdaptivePolicy):
         observation_space: spaces.Box,
         action_space: spaces.Box,
         lr_schedule: Schedule | None = None,
-        cnmp: CNMPSettings = CNMPSettings(),  # noqa: B008 (frozen)
+        cnmp: CNMPArchitecture = CNMPArchitecture(),  # noqa: B008 (frozen)
     ) -> None:
         super().__init__(observation_space, action_space)
         self.settings: dict[str, Any] = {"cnmp": cnmp}
@@ -47,7 +48,7 @@ class ResidualPolicy(AdaptivePolicy):
     def learn_demonstrations(
         self,
         demonstrations: Demonstrations,
-        settings: PretrainingSettings,
+        settings: CNMPPretraining,
         rng: np.random.Generator,
     ) -> None:
         """Train the CNMP, which gives the base trajectories from now on.

@@ -8,8 +8,8 @@ import cma
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_nmp.common.algorithm import Generation
 from sb3_nmp.common.noise import SmoothNoise
+from sb3_nmp.common.rollouts import Generation
 
 FloatArray = NDArray[np.float64]
 #: From contexts (N, C) to trajectories (N, T, D).
@@ -89,7 +89,7 @@ class ResidualSearch:
     :param space: what is searched
     :param base: from contexts to base trajectories
     :param shape: (T, D)
-    :param population_size: trajectories a generation
+    :param population_size: trajectories per generation
     """
 
     def __init__(

@@ -1,22 +1,19 @@
 """`DREPS`: dual REPS, which also keeps away from bad samples (Colome and Torras, thesis [50])."""
 
-from typing import Any, Literal
+from typing import Unpack
 
 import numpy as np
-import torch as th
 from numpy.typing import NDArray
-from stable_baselines3.common.type_aliases import GymEnv, Schedule
+from stable_baselines3.common.type_aliases import GymEnv
 
 from baselines.dreps.clusters import fit_clusters, k_means
 from baselines.dreps.dual import DualSolution, References, solve
 from baselines.reps.dual import Solution
 from baselines.reps.gaussian import FloatArray, LinearGaussian
 from baselines.reps.policies import GaussianPrimitivePolicy
-from baselines.reps.reps import REPS
+from baselines.reps.reps import REPS, REPSArguments
 from baselines.reps.samples import Samples
-from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import ConfigurationError
-from sb3_nmp.common.pd_controller import PDController
 
 
 class DREPS(REPS):
@@ -27,87 +24,36 @@ class DREPS(REPS):
     (`baselines.dreps.dual`). Between two ways to solve a task this makes the policy choose one
     instead of averaging them. All else is as in `REPS`.
 
-    :param policy: the policy's class or ``"MlpPolicy"``
-    :param env: the environment or its id; T x D trajectories as actions, contexts as observations
-    :param learning_rate: see `REPS`
-    :param population_size: see `REPS`
-    :param epsilon: see `REPS`
+    Colome and Torras, "Dual REPS: a generalization of relative entropy policy search exploiting bad
+    experiences", 2017.
+
+    >>> import benchmark_envs
+    >>> DREPS("MlpPolicy", "nmp/Bottles-v0", n_clusters=1, seed=0).learn(20).num_timesteps
+    20
+
     :param xi: least KL(pi || b_i), in nats
     :param n_clusters: of bad samples, at most
     :param bad_fraction: of the samples that count as bad, in (0, 1)
     :param chi: bound on KL(pi || good), in nats, for the Gaussian fitted to the best samples;
         None leaves this constraint out
     :param good_fraction: of the samples that count as good, in (0, 1)
-    :param initial_sigma: see `REPS`
-    :param primitive: see `REPS`
-    :param n_bases: see `REPS`
-    :param pd_controller: see `REPS`
-    :param sample_generations: see `REPS`
-    :param shrinkage: see `REPS`
-    :param min_sigma: see `REPS`
-    :param demonstrations: see `REPS`
-    :param policy_kwargs: further arguments of the policy
-    :param stats_window_size: rollouts over which the logged success rate and reward are averaged
-    :param tensorboard_log: folder for TensorBoard; None switches it off
-    :param verbose: 0 nothing, 1 the log table, 2 debug messages
-    :param seed: of Python, NumPy, PyTorch, the environment and this algorithm's generator
-    :param device: of the policy
-    :param _init_setup_model: whether to build the policy at once
-    :raises ConfigurationError: a setting outside its range, or one that does not fit the others
     """
 
     def __init__(
         self,
         policy: str | type[GaussianPrimitivePolicy],
         env: GymEnv | str,
-        learning_rate: float | Schedule = 1.0,
-        population_size: int = 20,
-        epsilon: float = 1.5,
+        *,
         xi: float = 5.0,
         n_clusters: int = 2,
         bad_fraction: float = 0.3,
         chi: float | None = None,
         good_fraction: float = 0.1,
-        initial_sigma: float | tuple[float, ...] | None = None,
-        primitive: Literal["promp", "dmp"] = "promp",
-        n_bases: int = 10,
-        pd_controller: PDController | Literal["auto"] | None = "auto",
-        sample_generations: int = 3,
-        shrinkage: float = 1.0,
-        min_sigma: float | tuple[float, ...] = 0.005,
-        demonstrations: Demonstrations | None = None,
-        policy_kwargs: dict[str, Any] | None = None,
-        stats_window_size: int = 100,
-        tensorboard_log: str | None = None,
-        verbose: int = 0,
-        seed: int | None = None,
-        device: th.device | str = "cpu",
-        _init_setup_model: bool = True,
+        **shared: Unpack[REPSArguments],
     ) -> None:
         self.xi, self.n_clusters, self.bad_fraction = xi, n_clusters, bad_fraction
         self.chi, self.good_fraction = chi, good_fraction
-        super().__init__(
-            policy=policy,
-            env=env,
-            learning_rate=learning_rate,
-            population_size=population_size,
-            epsilon=epsilon,
-            initial_sigma=initial_sigma,
-            primitive=primitive,
-            n_bases=n_bases,
-            pd_controller=pd_controller,
-            sample_generations=sample_generations,
-            shrinkage=shrinkage,
-            min_sigma=min_sigma,
-            demonstrations=demonstrations,
-            policy_kwargs=policy_kwargs,
-            stats_window_size=stats_window_size,
-            tensorboard_log=tensorboard_log,
-            verbose=verbose,
-            seed=seed,
-            device=device,
-            _init_setup_model=_init_setup_model,
-        )
+        super().__init__(policy, env, **shared)
 
     def _check_settings(self, population_size: int) -> None:
         super()._check_settings(population_size)

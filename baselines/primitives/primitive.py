@@ -1,6 +1,6 @@
 """`Primitive`: a trajectory that is linear in its weights, its start and its goal.
 
-Shape letters: N rollouts, T time points, D dimensions, K bases a dimension.
+Shape letters: N rollouts, T time points, D dimensions, K bases per dimension.
 """
 
 from abc import ABC, abstractmethod

@@ -1,9 +1,9 @@
 """Gaussian processes from contexts to the weights of a movement primitive (scikit-learn).
 
-All weights share one kernel: Matern 5/2 with one length scale an entry of the context (ARD), a
+All weights share one kernel: Matern 5/2 with one length scale per entry of the context (ARD), a
 linear trend, without which a prediction beyond the data would fall back to their mean, and noise.
 Contexts are centred and normalised by their standard deviation; weights are centred, and normalised
-by one value a dimension of the trajectory, so that those that hardly vary (a common start) do not
+by one value per dimension of the trajectory, so that those that hardly vary (a common start) do not
 decide on the kernel as much as the others. ``results/experiments/baselines_tuning.md`` has the
 measurements. Shape letters: M data, N queries, C context, K bases, D dimensions, P = K D weights.
 """

@@ -17,20 +17,20 @@ from baselines.promp_rl.gaussian_process import WeightProcess, fit_parameters, i
 from baselines.promp_rl.reps_search import decode, encode
 from baselines.promp_rl.transfer import collapse, target_relevance
 from baselines.reps.gaussian import FloatArray
-from sb3_nmp.common.adaptive import AdaptivePolicy
 from sb3_nmp.common.elites import SAME_CONTEXT
 from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.policies import ElitePolicy
 
 REFIT_GROWTH = 1.2
 
 
-class ProMPPolicy(AdaptivePolicy):
+class ProMPPolicy(ElitePolicy):
     """A Gaussian over the weights of a ProMP for any context, from the targets known so far.
 
     :param observation_space: contexts, shape (C,)
     :param action_space: trajectories, shape (T, D)
     :param lr_schedule: not used; SB3 passes it to every policy
-    :param n_bases: K, bases a dimension
+    :param n_bases: K, bases per dimension
     """
 
     contexts: th.Tensor
@@ -92,7 +92,7 @@ class ProMPPolicy(AdaptivePolicy):
         """Set each primitive's standard deviation, of which its one trajectory says nothing.
 
         :param sigma: of the trajectories, in their unit (root mean square over time), one value or
-            one a dimension
+            one per dimension
         """
         n_dimensions = self.trajectory_shape[1]
         std = np.broadcast_to(self.primitive.weight_std(sigma), (n_dimensions,))
@@ -136,12 +136,12 @@ class ProMPPolicy(AdaptivePolicy):
 
 
 class TransferPolicy(ProMPPolicy):
-    """One ProMP a target; for another target, their mixture by relevance, as one Gaussian.
+    """One ProMP per target; for another target, their mixture by relevance, as one Gaussian.
 
     :param observation_space: contexts, shape (C,)
     :param action_space: trajectories, shape (T, D)
     :param lr_schedule: not used; SB3 passes it to every policy
-    :param n_bases: K, bases a dimension
+    :param n_bases: K, bases per dimension
     :param width: of the relevance, in units of the targets' distance (`target_relevance`)
     :raises ConfigurationError: the width is not > 0
     """
@@ -187,7 +187,7 @@ class GaussianProcessPolicy(ProMPPolicy):
     :param observation_space: contexts, shape (C,)
     :param action_space: trajectories, shape (T, D)
     :param lr_schedule: not used; SB3 passes it to every policy
-    :param n_bases: K, bases a dimension
+    :param n_bases: K, bases per dimension
     """
 
     kernel_parameters: th.Tensor

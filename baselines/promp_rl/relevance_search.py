@@ -12,7 +12,7 @@ from baselines.promp_rl.relevance import relevance, update
 from baselines.promp_rl.reps_search import decode
 from baselines.reps.dual import solve
 from baselines.reps.gaussian import FloatArray
-from sb3_nmp.common.algorithm import Generation
+from sb3_nmp.common.rollouts import Generation
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from baselines.primitives import Primitive
 from baselines.reps.dual import solve
 from baselines.reps.gaussian import FitSettings, FloatArray, LinearGaussian, weighted_fit
 from baselines.reps.samples import Samples
-from sb3_nmp.common.algorithm import Generation
+from sb3_nmp.common.rollouts import Generation
 
 
 @dataclass(frozen=True)

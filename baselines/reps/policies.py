@@ -21,7 +21,7 @@ def make_primitive(
     """Build a movement primitive.
 
     :param name: ``"promp"`` or ``"dmp"``
-    :param n_bases: K, bases a dimension
+    :param n_bases: K, bases per dimension
     :param n_time_points: T
     :param pd_controller: through which a ProMP is executed; None executes it as it is
     :raises ConfigurationError: no such primitive, or a controller for a DMP
@@ -48,7 +48,7 @@ class GaussianPrimitivePolicy(TrajectoryPolicy):
     :param action_space: trajectories, shape (T, D)
     :param lr_schedule: not used here; SB3 passes it to every policy
     :param primitive: ``"promp"`` or ``"dmp"``
-    :param n_bases: K, bases a dimension
+    :param n_bases: K, bases per dimension
     :param pd_controller: through which a ProMP is executed; None executes it as it is
     :raises ConfigurationError: the primitive does not exist or does not fit the controller
     """
@@ -120,7 +120,7 @@ class GaussianPrimitivePolicy(TrajectoryPolicy):
         :param trajectory: whose fit becomes the mean, shape (T, D); its first and last point
             become the primitive's start and goal
         :param sigma: standard deviation of the trajectories, in their unit (root mean square over
-            time), one value or one a dimension
+            time), one value or one per dimension
         """
         line = np.asarray(trajectory, np.float64)
         device = self.start.device

@@ -1,10 +1,8 @@
 """`REPS`: episodic relative entropy policy search (Peters, Muelling and Altun 2010)."""
 
-from typing import Any, ClassVar, Literal, cast
+from typing import ClassVar, Literal, Unpack, cast
 
 import numpy as np
-import torch as th
-from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
@@ -13,14 +11,36 @@ from baselines.reps.dual import Solution, check_epsilon, solve
 from baselines.reps.gaussian import FitSettings, FloatArray, LinearGaussian, weighted_fit
 from baselines.reps.policies import GaussianPrimitivePolicy
 from baselines.reps.samples import Samples
-from sb3_nmp.common.algorithm import Generation, TrajectoryAlgorithm
-from sb3_nmp.common.demonstrations import Demonstrations
+from sb3_nmp.common.algorithm import TrajectoryAlgorithm
+from sb3_nmp.common.arguments import SharedArguments
+from sb3_nmp.common.environment import Scale
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.pd_controller import PDController
+from sb3_nmp.common.rollouts import Generation
+
+Controller = PDController | Literal["auto"] | None
+PrimitiveName = Literal["promp", "dmp"]
+
+
+class REPSArguments(SharedArguments, total=False):
+    """Those that `DREPS` takes over from `REPS`, which describes them."""
+
+    learning_rate: float | Schedule
+    population_size: int
+    epsilon: float
+    primitive: PrimitiveName
+    n_bases: int
+    pd_controller: Controller
+    sample_generations: int
+    shrinkage: float
+    min_sigma: Scale
 
 
 class REPS(TrajectoryAlgorithm):
     """Relative entropy policy search over the weights of a movement primitive.
+
+    Peters, Muelling and Altun, "Relative entropy policy search", 2010; the episodic form is that of
+    Deisenroth, Neumann and Peters, "A survey on policy search for robotics", 2013.
 
     Each generation draws weights from a Gaussian whose mean starts as the fit of the environment's
     initial trajectory. The samples of the last generations are weighted by ``exp(R / eta)``, with
@@ -35,32 +55,23 @@ class REPS(TrajectoryAlgorithm):
     With ``demonstrations`` the mean starts as the linear regression of the demonstrated weights on
     the context instead; start and goal are then part of the weights, and nothing forces them.
 
-    :param policy: the policy's class or ``"MlpPolicy"``
-    :param env: the environment or its id; T x D trajectories as actions, contexts as observations
+    >>> import benchmark_envs
+    >>> REPS("MlpPolicy", "nmp/Bottles-v0", primitive="dmp", seed=0).learn(20).num_timesteps
+    20
+
+    :param demonstrations: of an expert, from which a ProMP without controller starts. They are not
+        saved with the model
     :param learning_rate: step from the old mean to the fitted one, in (0, 1], or a schedule of it
-    :param population_size: rollouts a generation; a multiple of the number of environments
     :param epsilon: bound on KL(weights of the samples || uniform), in nats
-    :param initial_sigma: standard deviation of the first trajectories, in their unit (root mean
-        square over time), one value or one a dimension; None takes the environment's
-        ``exploration_scale``, as RC-NMP does
     :param primitive: ``"promp"`` or ``"dmp"``
-    :param n_bases: of the primitive, a dimension
+    :param n_bases: of the primitive, per dimension
     :param pd_controller: through which trajectories are executed (Eq. 6.3), so that they start and
         end as the initial trajectory; ``"auto"`` is a `PDController` for a ProMP and none for a
         DMP, which ends at its goal by itself, and with demonstrations
     :param sample_generations: generations whose samples an update uses
     :param shrinkage: of the weights' correlations: 0 fits a full covariance, 1 a diagonal one
-    :param min_sigma: floor of the trajectories' standard deviation, as ``initial_sigma``
-    :param demonstrations: an expert's trajectories, which a ProMP without controller learns; they
-        are not saved with the model
-    :param policy_kwargs: further arguments of the policy
-    :param stats_window_size: rollouts over which the logged success rate and reward are averaged
-    :param tensorboard_log: folder for TensorBoard; None switches it off
-    :param verbose: 0 nothing, 1 the log table, 2 debug messages
-    :param seed: of Python, NumPy, PyTorch, the environment and this algorithm's generator
-    :param device: of the policy
-    :param _init_setup_model: whether to build the policy at once
-    :raises ConfigurationError: a setting outside its range, or one that does not fit the others
+    :param min_sigma: floor of the trajectories' standard deviation (root mean square over time), in
+        their unit, one value or one per dimension
     """
 
     policy: GaussianPrimitivePolicy
@@ -70,64 +81,39 @@ class REPS(TrajectoryAlgorithm):
         self,
         policy: str | type[GaussianPrimitivePolicy],
         env: GymEnv | str,
+        *,
         learning_rate: float | Schedule = 1.0,
         population_size: int = 20,
         epsilon: float = 1.5,
-        initial_sigma: float | tuple[float, ...] | None = None,
-        primitive: Literal["promp", "dmp"] = "promp",
+        primitive: PrimitiveName = "promp",
         n_bases: int = 10,
-        pd_controller: PDController | Literal["auto"] | None = "auto",
+        pd_controller: Controller = "auto",
         sample_generations: int = 3,
         shrinkage: float = 1.0,
-        min_sigma: float | tuple[float, ...] = 0.005,
-        demonstrations: Demonstrations | None = None,
-        policy_kwargs: dict[str, Any] | None = None,
-        stats_window_size: int = 100,
-        tensorboard_log: str | None = None,
-        verbose: int = 0,
-        seed: int | None = None,
-        device: th.device | str = "cpu",
-        _init_setup_model: bool = True,
+        min_sigma: Scale = 0.005,
+        **shared: Unpack[SharedArguments],
     ) -> None:
+        self._demonstrated = shared.get("demonstrations") is not None
         if pd_controller == "auto":
-            free = primitive == "dmp" or demonstrations is not None
+            free = primitive == "dmp" or self._demonstrated
             pd_controller = None if free else PDController()
-        self.epsilon, self.sample_generations, self.shrinkage = (
-            epsilon,
-            sample_generations,
-            shrinkage,
-        )
-        self.initial_sigma, self.min_sigma = initial_sigma, min_sigma
-        self.demonstrations = demonstrations
-        self._demonstrated = demonstrations is not None
         if self._demonstrated and (primitive != "promp" or pd_controller is not None):
             raise ConfigurationError(
                 f"demonstrations were given to primitive '{primitive}' with pd_controller "
                 f"{pd_controller}: a DMP and a controller force start and goal, which differ "
                 "between demonstrations. Give primitive='promp' and pd_controller=None."
             )
+        self.epsilon, self.sample_generations = epsilon, sample_generations
+        self.shrinkage, self.min_sigma = shrinkage, min_sigma
         self._check_settings(population_size)
         self._started = False
         self._samples: list[Samples] = []
         self._deviations: FloatArray | None = None
         self._weights: FloatArray | None = None
+        chosen = {"primitive": primitive, "n_bases": n_bases, "pd_controller": pd_controller}
+        shared["policy_kwargs"] = chosen | (shared.get("policy_kwargs") or {})
         super().__init__(
-            policy=policy,
-            env=env,
-            population_size=population_size,
-            learning_rate=learning_rate,
-            policy_kwargs={
-                "primitive": primitive,
-                "n_bases": n_bases,
-                "pd_controller": pd_controller,
-            }
-            | (policy_kwargs or {}),
-            stats_window_size=stats_window_size,
-            tensorboard_log=tensorboard_log,
-            verbose=verbose,
-            seed=seed,
-            device=device,
-            _init_setup_model=_init_setup_model,
+            policy, env, population_size=population_size, learning_rate=learning_rate, **shared
         )
 
     def _check_settings(self, population_size: int) -> None:
@@ -149,36 +135,19 @@ class REPS(TrajectoryAlgorithm):
 
     def _setup_model(self) -> None:
         super()._setup_model()
-        n_dimensions = cast(spaces.Box, self.action_space).shape[1]
-        for name in ("initial_sigma", "min_sigma"):
-            if getattr(self, name) is None:
-                continue
-            sigma = np.atleast_1d(getattr(self, name))
-            if sigma.shape not in ((1,), (n_dimensions,)) or not np.all(
-                (sigma > 0) & (sigma < np.inf)
-            ):
-                raise ConfigurationError(
-                    f"{name} is {getattr(self, name)}; it must be one finite number > 0, or a "
-                    f"tuple of {n_dimensions}: one a dimension of the trajectory."
-                )
+        self._check_scale("min_sigma")
         if self.demonstrations is not None:
             shown = self.demonstrations
-            shown.check_fits(self.policy.context_dim, self.policy.trajectory_shape)
             self.policy.start_from_demonstrations(shown.contexts, shown.trajectories)
-
-    def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "demonstrations"]
 
     # -- the search ----------------------------------------------------------------------------
 
     def _begin_generation(self) -> None:
         if not self._started:
-            given = self.initial_sigma
-            sigma = self.exploration_scale() if given is None else given
             if self._demonstrated:
-                self.policy.explore(sigma)
+                self.policy.explore(self.first_scale())
             else:
-                self.policy.start_from(self.initial_trajectory(), sigma)
+                self.policy.start_from(self.initial_trajectory(), self.first_scale())
             self._started = True
         factor = np.linalg.cholesky(self.policy.gaussian.covariance)
         noise = self.rng.standard_normal((self.population_size, len(factor)))

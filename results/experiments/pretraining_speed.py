@@ -14,10 +14,11 @@ import numpy as np
 import torch as th
 
 import benchmark_envs  # noqa: F401 (registers the tasks)
-from sb3_nmp import CNMPSettings, Demonstrations, PretrainingSettings
-from sb3_nmp.common.cnmp import CNMP, PointSampler, negative_log_likelihood, pretrain
+from sb3_nmp import CNMPArchitecture, CNMPPretraining, Demonstrations
+from sb3_nmp.models.cnmp import CNMP
+from sb3_nmp.models.cnmp_training import PointSampler, negative_log_likelihood, pretrain
 
-ARCHITECTURE = CNMPSettings(context_in_decoder=True)
+ARCHITECTURE = CNMPArchitecture(context_in_decoder=True)
 SEEDS = range(2)
 SECONDS = (60.0, 120.0, 240.0)  # of the original's training, after which it is compared
 LENGTHS = (200, 300, 400, 600, 800, 1100, 1500, 2000, 2500, 3000)  # of ours, in steps
@@ -57,7 +58,7 @@ def original(
     optimizer = th.optim.Adam(cnmp.parameters(), 1e-4)
     values = cnmp.normalise(cnmp.times.new_tensor(shown.trajectories))
     condition = cnmp.condition(cnmp.times.new_tensor(shown.contexts))
-    settings = PretrainingSettings(batch_size=1, n_target_points=1)
+    settings = CNMPPretraining(batch_size=1, n_target_points=1)
     sampler = PointSampler(settings, cnmp.times, values, condition, np.random.default_rng(seed))
     seconds = 0.0
     while True:
@@ -103,7 +104,7 @@ def batched(shown: Demonstrations, unseen: Demonstrations, seed: int) -> list[tu
     for n_steps in LENGTHS:
         cnmp = new_cnmp(shown, seed)
         begin = time.perf_counter()
-        pretrain(shown, PretrainingSettings(n_steps), np.random.default_rng(seed), cnmp)
+        pretrain(shown, CNMPPretraining(n_steps), np.random.default_rng(seed), cnmp)
         seconds = time.perf_counter() - begin
         trained.append((validation_error(cnmp, unseen), seconds))
     return trained

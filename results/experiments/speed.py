@@ -17,7 +17,7 @@ import torch as th
 from benchmark_envs import make_task, task_ids
 from benchmark_envs.executor import available_cores
 from benchmark_envs.tasks.bottles import BottlesTask
-from sb3_nmp import RCNMP, SmoothNoise, TrainingSettings
+from sb3_nmp import RCNMP, RCNMPTraining, SmoothNoise
 
 N_ROLLOUTS = 128
 N_DEMONSTRATED = 32  # rollouts of each task
@@ -95,7 +95,7 @@ def training_rows() -> list[tuple[str, float, str]]:
     n_steps, rows = 200, []
     for batch, points in ((1, 1), (16, 20)):
         name = f"batch of {batch} x {points}"
-        settings = TrainingSettings(n_steps, batch, points)
+        settings = RCNMPTraining(n_steps, batch, points)
         model = RCNMP("MlpPolicy", "nmp/Bottles-v0", seed=0).learn(20)
         model.training = settings
         steps = rate(n_steps, model._train)

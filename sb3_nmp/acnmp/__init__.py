@@ -1,7 +1,7 @@
 """Adaptive Conditional Neural Movement Primitives (thesis chapter 5)."""
 
-from sb3_nmp.acnmp.acnmp import ACNMP
-from sb3_nmp.acnmp.exploration import Exploration
-from sb3_nmp.acnmp.policies import ACNMPPolicy
+from sb3_nmp.acnmp.algorithm import ACNMP
+from sb3_nmp.acnmp.policy import ACNMPPolicy
+from sb3_nmp.acnmp.settings import ACNMPAdaptation, ACNMPCritic, ACNMPExploration
 
-__all__ = ["ACNMP", "ACNMPPolicy", "Exploration"]
+__all__ = ["ACNMP", "ACNMPAdaptation", "ACNMPCritic", "ACNMPExploration", "ACNMPPolicy"]

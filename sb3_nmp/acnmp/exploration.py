@@ -1,89 +1,47 @@
 """Where ACNMP explores: directions in trajectory space that the latent space and noise give.
 
 The thesis claims that exploration comes from the latent space of the demonstrations (5.1). Here a
-trajectory is tried at ``mean + sum_j x_j direction_j``, with a direction for each principal axis of
-the demonstrations' representations and for each task parameter, both seen through the decoder, and
-for each smooth basis over time in each dimension. The noise moves the dimensions together as the
-demonstrations do.
+trajectory is tried at ``answer + sum_j x_j direction_j``. There is a direction for each principal
+axis of the demonstrations' representations and for each task parameter, both seen through the
+decoder, and for each smooth basis over time in each dimension. The noise moves the dimensions
+together as the demonstrations do.
 """
 
-from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
 import torch as th
 from numpy.typing import NDArray
 
-from sb3_nmp.common.cnmp import CNMP
+from sb3_nmp.acnmp.settings import ACNMPExploration
 from sb3_nmp.common.demonstrations import Demonstrations
-from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.noise import SmoothNoise
+from sb3_nmp.models.cnmp import CNMP
 
 FloatArray = NDArray[np.float64]
 
-
-@dataclass(frozen=True)
-class Exploration:
-    """What is explored and how far, in units of ``sigma``; each part is switched off by a 0.
-
-    :param sigma: in the trajectory's unit, one value or one a dimension; None takes the
-        environment's ``exploration_scale``
-    :param latent: along the principal axes of the demonstrations' representations: the root mean
-        square over time along the first axis, the others in proportion to the demonstrations'
-        spread along them
-    :param n_latents: how many of these axes
-    :param context: along the task parameters at which the CNMP is queried: the root mean square
-        over time
-    :param noise: of smooth noise: the root mean square over time
-    :param n_bases: of the noise, a dimension
-    :param shaped: share of the noise's variance that varies over time and couples the dimensions
-        as the demonstrations do, so that less is explored where all of them agree, such as a
-        common start or a tool that is kept upright; the rest is alike everywhere. Near 1 is best
-        where the demonstrations span what is to be found, less where they all lack it
-    :param pull: how much a rollout that the critic proposes has to promise more to lie one typical
-        draw away from the policy's answer, as a share of what the best rollout lacks
-    :raises ConfigurationError: a value outside its range, or nothing to explore
-    """
-
-    sigma: float | tuple[float, ...] | None = None
-    latent: float = 0.5
-    n_latents: int = 3
-    context: float = 0.0
-    noise: float = 1.0
-    n_bases: int = 4
-    shaped: float = 0.5
-    pull: float = 0.3
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        for name in ("latent", "n_latents", "context", "noise", "pull"):
-            if not getattr(self, name) >= 0:
-                raise ConfigurationError(f"{name} is {getattr(self, name)}; it must be >= 0.")
-        if not 0 <= self.shaped <= 1:
-            raise ConfigurationError(f"shaped is {self.shaped}; it must lie in [0, 1].")
-        if self.n_bases < 2:
-            raise ConfigurationError(f"n_bases is {self.n_bases}; at least 2 are needed.")
-        if self.sigma is not None and not np.all(np.asarray(self.sigma) > 0):
-            raise ConfigurationError(f"sigma is {self.sigma}; it must be > 0.")
-        if not (self.noise or self.context or (self.latent and self.n_latents)):
-            raise ConfigurationError(
-                "nothing is explored: one of latent, context, noise must be > 0."
-            )
+#: of a standard deviation: over this step the decoder's answer is taken to be linear
+SMALL = 0.3
 
 
 @th.no_grad()
 def directions(
-    settings: Exploration, cnmp: CNMP, demonstrations: Demonstrations, context: FloatArray
+    settings: ACNMPExploration,
+    scale: tuple[float, ...],
+    cnmp: CNMP,
+    demonstrations: Demonstrations,
+    context: FloatArray,
 ) -> FloatArray:
     """Return the directions in trajectory space, each of one standard deviation, shape (n, T, D).
 
-    :param settings: the scales, with a sigma
+    :param settings: what is explored, in units of the scale
+    :param scale: of exploration, in the trajectory's unit, length D
     :param cnmp: trained on the demonstrations
     :param demonstrations: their spread shapes the noise, their representations span the latents
     :param context: shape (C,)
     """
     condition = cnmp.condition(cnmp.times.new_tensor(context)[None])
-    sigma = np.broadcast_to(np.asarray(settings.sigma, np.float64), demonstrations.trajectory_shape)
+    sigma = np.broadcast_to(np.asarray(scale), demonstrations.trajectory_shape)
     found: list[FloatArray] = []
     if settings.latent and settings.n_latents:
         axes = latent_axes(cnmp, demonstrations, settings.n_latents)
@@ -111,10 +69,6 @@ def latent_axes(cnmp: CNMP, demonstrations: Demonstrations, n_axes: int) -> th.T
     _, lengths, axes = th.linalg.svd(codes - codes.mean(dim=0), full_matrices=False)
     n = min(n_axes, max(len(codes) - 1, 1))
     return axes[:n] * (lengths[:n, None] / len(codes) ** 0.5)
-
-
-#: of a standard deviation: over this step the decoder's answer is taken to be linear
-SMALL = 0.3
 
 
 def effects_of_latents(cnmp: CNMP, condition: th.Tensor, steps: th.Tensor) -> FloatArray:

@@ -1,40 +1,22 @@
 """The policy gradient of ACNMP (thesis Eq. 5.2) and its advantages."""
 
-from typing import Literal, get_args
-
 import numpy as np
 import torch as th
 from numpy.typing import NDArray
 
-from sb3_nmp.common.algorithm import Generation
+from sb3_nmp.acnmp.settings import Advantage
 from sb3_nmp.common.buffer import selection_weights
-from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.rollouts import Generation
 
 FloatArray = NDArray[np.float64]
-
-#: ``"to_go"``: reward from each time on (Eq. 5.2); ``"step"``: reward at each time (the original
-#: code); ``"return"``: the whole reward; ``"place"``: by place among all rollouts of the context
-Advantage = Literal["to_go", "step", "return", "place"]
-
-
-def check_advantage(advantage: str) -> None:
-    """Raise for an advantage that does not exist.
-
-    :param advantage: the name
-    :raises ConfigurationError: there is none of that name
-    """
-    if advantage not in get_args(Advantage):
-        raise ConfigurationError(
-            f"no advantage '{advantage}'; there are {', '.join(get_args(Advantage))}."
-        )
 
 
 def advantages(kind: Advantage, rollouts: Generation, temperature: float = 2.0) -> FloatArray:
     """Return by how much each rollout is better than the others at each time, shape (N, T).
 
-    The first three are centred over the rollouts and scaled to a standard deviation of 1; where
-    the rewards do not come step by step, they are all the return's. The last one is positive and
-    adds up to 1 over the rollouts: no trajectory is pushed away from.
+    ``"to_go"`` and ``"step"`` are centred over the rollouts and scaled to a standard deviation of
+    1; where the rewards do not come step by step, both are the whole reward's. ``"place"`` is
+    positive and adds up to 1 over the rollouts: no trajectory is pushed away from.
 
     :param kind: see `Advantage`
     :param rollouts: of one context
@@ -45,7 +27,7 @@ def advantages(kind: Advantage, rollouts: Generation, temperature: float = 2.0) 
         weights = selection_weights(rollouts.rewards, temperature)
         return np.repeat(weights[:, None], n_time_points, axis=1)
     steps = rollouts.step_rewards
-    if kind == "return" or steps is None:
+    if steps is None:
         values = np.repeat(rollouts.rewards[:, None], n_time_points, axis=1)
     else:
         values = steps if kind == "step" else np.cumsum(steps[:, ::-1], axis=1)[:, ::-1]

@@ -1,58 +1,159 @@
-"""The search in one context: which trajectories to try next."""
+"""The two searches of ACNMP in one context: the critic's, and the policy's of the thesis.
+
+Shape letters: N rollouts, n coordinates, T time points, D dimensions of the trajectory.
+"""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_nmp.acnmp.critic import RewardCritic
-from sb3_nmp.common.algorithm import Generation
+from sb3_nmp.acnmp.critic import Critic
+from sb3_nmp.acnmp.gaussian_process import Hypotheses
+from sb3_nmp.acnmp.settings import ACNMPCritic
+from sb3_nmp.common.rollouts import Generation
 
 FloatArray = NDArray[np.float64]
 
-N_CANDIDATES = 1500  # drawn around the best rollout for each trajectory to try
-CANDIDATE_SCALES = (0.3, 0.6, 1.0, 1.5)  # of their distances, in units of the search's radius
-N_REFINED = 20  # candidates that are refined
-REFINEMENTS = 25  # draws around each of them
-REFINEMENT_SCALE = 0.25
-N_MOMENTS = 9  # at which the critic may look at a trajectory alone
+
+@dataclass(frozen=True)
+class Subspace:
+    """The trajectories ``origin + x @ directions``.
+
+    >>> space = Subspace(np.zeros((2, 1)), np.array([[[1.0], [0.0]], [[0.0], [2.0]]]))
+    >>> space.trajectories(np.array([[3.0, 4.0]])).tolist()
+    [[[3.0], [8.0]]]
+    >>> space.coordinates(np.array([[[3.0], [8.0]]])).round(6).tolist()
+    [[3.0, 4.0]]
+
+    :param origin: shape (T, D)
+    :param directions: each of one standard deviation of the exploration, shape (n, T, D)
+    """
+
+    origin: FloatArray
+    directions: FloatArray
+
+    @property
+    def size(self) -> int:
+        """How many coordinates there are, n."""
+        return len(self.directions)
+
+    @cached_property
+    def _projection(self) -> FloatArray:
+        return np.asarray(np.linalg.pinv(self.directions.reshape(self.size, -1)), np.float64)
+
+    def trajectories(self, points: FloatArray) -> FloatArray:
+        """Return the trajectories of points, shape (N, T, D).
+
+        :param points: shape (N, n)
+        """
+        return self.origin + np.tensordot(points, self.directions, axes=1)
+
+    def coordinates(self, trajectories: NDArray[np.floating]) -> FloatArray:
+        """Return the coordinates of trajectories by least squares, shape (N, n).
+
+        :param trajectories: shape (N, T, D)
+        """
+        deviations = (trajectories - self.origin).reshape(len(trajectories), -1)
+        return deviations @ self._projection
+
+
+class PolicySearch:
+    """Draws every generation around the policy's answer, as the thesis does.
+
+    A new search's first trajectory is that answer. After each update of the policy, `follow` takes
+    the search along.
+
+    :param space: with the policy's answer as origin
+    :param radius: of the draws, in standard deviations of the exploration
+    """
+
+    def __init__(self, space: Subspace, radius: float) -> None:
+        self.space, self.radius = space, radius
+        self.rollouts: list[Generation] = []
+
+    def ask(self, n: int, rng: np.random.Generator) -> FloatArray:
+        """Return trajectories to try, the policy's answer first, shape (n, T, D).
+
+        :param n: how many
+        :param rng: the generator to draw from
+        """
+        points = self.radius * rng.standard_normal((n, self.space.size))
+        points[0] = 0.0
+        return self.space.trajectories(points)
+
+    def tell(self, rollouts: Generation) -> None:
+        """Take in rollouts of this context.
+
+        :param rollouts: those of the last `ask`, or others
+        """
+        self.rollouts.append(rollouts)
+
+    def follow(self, answer: FloatArray) -> None:
+        """Go on around the policy's new answer.
+
+        :param answer: shape (T, D)
+        """
+        self.space = Subspace(answer, self.space.directions)
 
 
 @dataclass
-class LatentSearch:
-    """Tries trajectories ``mean + x @ directions``, and remembers how they did.
+class TrustRegion:
+    """How far from the best rollout is searched: farther after success, nearer without.
 
-    With a critic, the first generation is drawn from N(0, radius^2 I) around the greedy
-    trajectory; later ones are the points that an optimistic draw from the critic prefers, around
-    the best rollout so far, within a radius that grows with success and shrinks without. Of points
-    that promise alike the one nearest to the greedy trajectory is tried: the demonstrations hold
-    what a reward does not tell. Without a critic, every generation is drawn around the current
-    mean, which `ACNMP` sets to the policy's answer after each update, as the thesis does.
+    Eriksson, Pearce, Gardner, Turner and Poloczek, "Scalable global optimization via local Bayesian
+    optimization" (TuRBO), 2019. TuRBO waits for several successes or failures; here a generation is
+    a few rollouts, and each one counts.
 
-    :param mean: shape (T, D)
-    :param directions: shape (n, T, D)
-    :param radius: of the first generation, in standard deviations
-    :param use_critic: whether a critic proposes
-    :param pull: towards the greedy trajectory, see `Exploration`
-    :param limits: smallest and largest radius
-    :param coordinates: of the rollouts so far, shape (N, n)
+    :param radius: in standard deviations of the exploration
+    :param settings: limits and factors
+    """
+
+    radius: float
+    settings: ACNMPCritic
+
+    def update(self, improved: bool) -> None:
+        """Grow or shrink.
+
+        :param improved: whether the last generation has a new best rollout
+        """
+        factor = self.settings.growth if improved else self.settings.shrinkage
+        self.radius = float(np.clip(self.radius * factor, *self.settings.radius_limits))
+
+
+@dataclass
+class CriticSearch:
+    """Bayesian optimisation around a fixed trajectory, the policy's answer when it begins.
+
+    The first generation is drawn around that answer, which is its first trajectory. Later ones are
+    the points of largest random upper confidence bound (`Critic.draw_upper_bounds`) inside a trust
+    region around the best rollout so far, chosen one after the other by the Kriging believer. The
+    bound is less a penalty on the distance from the policy's answer (`ACNMPCritic.pull`): the
+    demonstrations hold what a reward does not tell.
+
+    :param space: with the policy's answer as origin
+    :param radius: of the first generation, in standard deviations of the exploration
+    :param settings: of the critic
+    :param points: coordinates of the rollouts so far, shape (N, n)
     :param rollouts: what is known of them, oldest generation first
     """
 
-    mean: FloatArray
-    directions: FloatArray
-    radius: float = 0.7
-    use_critic: bool = True
-    pull: float = 0.3
-    limits: tuple[float, float] = (0.02, 1.5)
-    coordinates: FloatArray = field(init=False)
+    space: Subspace
+    radius: float
+    settings: ACNMPCritic = field(default_factory=ACNMPCritic)
+    points: FloatArray = field(init=False)
     rollouts: list[Generation] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         """Start without rollouts."""
-        self.coordinates = np.empty((0, len(self.directions)))
-        self._views = views(self.directions)
-        self._projection = np.linalg.pinv(self.directions.reshape(len(self.directions), -1))
+        self.points = np.empty((0, self.space.size))
+        self.region = TrustRegion(self.radius, self.settings)
+        self._hypotheses = Hypotheses(
+            views(self.space.directions, self.settings.n_moments),
+            self.settings.lengths,
+            self.settings.noises,
+        )
 
     @property
     def rewards(self) -> FloatArray:
@@ -65,58 +166,60 @@ class LatentSearch:
         :param n: how many
         :param rng: the generator to draw from
         """
-        if self.use_critic and len(self.coordinates) > 1:
-            points = self._ask_critic(n, rng)
-        else:
-            points = self.radius * rng.standard_normal((n, len(self.directions)))
-            if not self.use_critic or len(self.coordinates) == 0:
-                points[0] = 0.0  # the greedy trajectory
-        return self.mean + np.tensordot(points, self.directions, axes=1)
+        if len(self.points) > 1:
+            return self.space.trajectories(self._ask_critic(n, rng))
+        points = self.region.radius * rng.standard_normal((n, self.space.size))
+        if len(self.points) == 0:
+            points[0] = 0.0  # the policy's answer
+        return self.space.trajectories(points)
 
     def _ask_critic(self, n: int, rng: np.random.Generator) -> FloatArray:
-        centre = self.coordinates[self.rewards.argmax()]
-        critic = RewardCritic.fit(
-            self.coordinates, Generation.concatenate(self.rollouts), self._views
-        )
+        """Return the coordinates of n proposals, shape (n, n coordinates)."""
+        critic = Critic.fit(self.points, Generation.concatenate(self.rollouts), self._hypotheses)
+        points: list[FloatArray] = []
+        for _ in range(n):
+            points.append(self._maximise(critic, rng))
+            critic = critic.condition_on_mean(points[-1][None])
+        return np.stack(points)
+
+    def _maximise(self, critic: Critic, rng: np.random.Generator) -> FloatArray:
+        """Return the best of many candidates around the best rollout, shape (n coordinates,)."""
+        s, radius = self.settings, self.region.radius
+        centre = self.points[self.rewards.argmax()]
 
         def worth(drawn: FloatArray) -> FloatArray:
             distance = np.mean(drawn**2, axis=1)
-            return critic.optimistic(drawn, rng) - self.pull * critic.to_gain * distance
+            return critic.draw_upper_bounds(drawn, rng) - s.pull * critic.to_gain * distance
 
-        points: list[FloatArray] = []
-        for _ in range(n):
-            scales = self.radius * rng.choice(CANDIDATE_SCALES, (N_CANDIDATES, 1))
-            drawn = centre + scales * rng.standard_normal((N_CANDIDATES, len(centre)))
-            for _ in range(2):
-                best = drawn[np.argsort(-worth(drawn))[:N_REFINED]]
-                around = np.repeat(best, REFINEMENTS, axis=0)
-                step = REFINEMENT_SCALE * self.radius * rng.standard_normal(around.shape)
-                drawn = np.concatenate([best, around + step])
-            points.append(drawn[worth(drawn).argmax()])
-            critic = critic.believing(points[-1][None])
-        return np.stack(points)
+        scales = radius * rng.choice(s.candidate_scales, (s.n_candidates, 1))
+        drawn = centre + scales * rng.standard_normal((s.n_candidates, len(centre)))
+        for _ in range(s.n_rounds):
+            best = drawn[np.argsort(-worth(drawn))[: s.n_refined]]
+            around = np.repeat(best, s.n_refinements, axis=0)
+            step = s.refinement_scale * radius * rng.standard_normal(around.shape)
+            drawn = np.concatenate([best, around + step])
+        return drawn[worth(drawn).argmax()]
 
     def tell(self, rollouts: Generation) -> None:
         """Take in rollouts of this context.
 
-        :param rollouts: their coordinates are read from their trajectories, by least squares
+        :param rollouts: their coordinates are read from their trajectories
         """
         before = self.rewards
-        deviations = (rollouts.trajectories - self.mean).reshape(len(rollouts), -1)
-        self.coordinates = np.concatenate([self.coordinates, deviations @ self._projection])
+        self.points = np.concatenate([self.points, self.space.coordinates(rollouts.trajectories)])
         self.rollouts.append(rollouts)
-        if self.use_critic and len(before) > 1:
-            better = rollouts.rewards.max() > before.max()
-            self.radius = float(np.clip(self.radius * (1.25 if better else 0.75), *self.limits))
+        if len(before) > 1:
+            self.region.update(bool(rollouts.rewards.max() > before.max()))
 
 
-def views(directions: FloatArray) -> tuple[FloatArray, ...]:
+def views(directions: FloatArray, n_moments: int) -> tuple[FloatArray, ...]:
     """Return what a critic may look at: all coordinates, or the deviation at one moment.
 
     :param directions: shape (n, T, D)
-    :return: matrices of shape (n, n) and (n, D); see `Critic.fit`
+    :param n_moments: evenly spaced over time
+    :return: matrices of shape (n, n) and (n, D); see `Hypotheses`
     """
-    times = np.linspace(0, directions.shape[1] - 1, N_MOMENTS).round().astype(int)
+    times = np.linspace(0, directions.shape[1] - 1, n_moments).round().astype(int)
     moments = (directions[:, time] for time in times)
     scaled = (
         part / max(float(np.sqrt(np.mean(np.sum(part**2, axis=0)))), 1e-9) for part in moments

@@ -7,10 +7,8 @@ a trajectory for each member once the member's context is known, and learns from
 import sys
 import time
 from abc import abstractmethod
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, Self, cast
+from typing import Any, ClassVar, Self, Unpack, cast
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -21,94 +19,13 @@ from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback, Schedul
 from stable_baselines3.common.utils import safe_mean
 from stable_baselines3.common.vec_env import VecEnv
 
+from sb3_nmp.common import environment
+from sb3_nmp.common.arguments import SB3Arguments, check_names, complete
+from sb3_nmp.common.demonstrations import Demonstrations, check_type
+from sb3_nmp.common.environment import Scale
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.policies import TrajectoryPolicy
-
-
-@dataclass(frozen=True)
-class Generation:
-    """The N rollouts of a generation, in the order of its members.
-
-    :param contexts: shape (N, C)
-    :param trajectories: as they were sent to the environment, shape (N, T, D)
-    :param rewards: shape (N,)
-    :param successes: the info's ``is_success``, False where it has none, shape (N,)
-    :param terms: the reward's terms, from the info's ``reward_<name>``, each of shape (N,)
-    :param step_rewards: the info's ``step_rewards``: the summands of the reward over time, shape
-        (N, T); None where it has none
-    """
-
-    contexts: NDArray[np.float32]
-    trajectories: NDArray[np.float32]
-    rewards: NDArray[np.float64]
-    successes: NDArray[np.bool_]
-    terms: dict[str, NDArray[np.float64]] = field(default_factory=dict)
-    step_rewards: NDArray[np.float64] | None = None
-
-    def __len__(self) -> int:
-        """Return the number of rollouts, N."""
-        return len(self.rewards)
-
-    @classmethod
-    def from_step(
-        cls,
-        contexts: NDArray[np.float32],
-        trajectories: NDArray[np.float32],
-        rewards: NDArray[np.floating],
-        infos: list[dict[str, Any]],
-    ) -> "Generation":
-        """Gather what one step of the environments gave.
-
-        :param contexts: shape (N, C)
-        :param trajectories: shape (N, T, D)
-        :param rewards: shape (N,)
-        :param infos: one for each environment
-        """
-        names = [key for key in infos[0] if key.startswith("reward_")]
-        steps = [info.get("step_rewards") for info in infos]
-        return cls(
-            contexts,
-            trajectories,
-            np.asarray(rewards, np.float64),
-            np.array([bool(info.get("is_success", False)) for info in infos]),
-            {
-                name.removeprefix("reward_"): np.array([info[name] for info in infos], np.float64)
-                for name in names
-            },
-            None if any(step is None for step in steps) else np.array(steps, np.float64),
-        )
-
-    @classmethod
-    def concatenate(cls, parts: list["Generation"]) -> "Generation":
-        """Join parts in their order.
-
-        :param parts: at least one
-        """
-        steps = [part.step_rewards for part in parts]
-        return cls(
-            np.concatenate([part.contexts for part in parts]),
-            np.concatenate([part.trajectories for part in parts]),
-            np.concatenate([part.rewards for part in parts]),
-            np.concatenate([part.successes for part in parts]),
-            {name: np.concatenate([part.terms[name] for part in parts]) for name in parts[0].terms},
-            None
-            if any(step is None for step in steps)
-            else np.concatenate(cast(list[NDArray[np.float64]], steps)),
-        )
-
-    def __getitem__(self, rows: slice | NDArray[Any]) -> "Generation":
-        """Return some of the rollouts.
-
-        :param rows: a slice, or an array of indices or booleans
-        """
-        return Generation(
-            self.contexts[rows],
-            self.trajectories[rows],
-            self.rewards[rows],
-            self.successes[rows],
-            {name: term[rows] for name, term in self.terms.items()},
-            None if self.step_rewards is None else self.step_rewards[rows],
-        )
+from sb3_nmp.common.rollouts import Generation
 
 
 class TrajectoryAlgorithm(BaseAlgorithm):
@@ -119,36 +36,55 @@ class TrajectoryAlgorithm(BaseAlgorithm):
     ``save`` and ``load``: interrupted and resumed runs equal uninterrupted ones where the context
     is fixed. All randomness of an algorithm comes from its own generator ``rng``.
 
-    :param policy: the policy's class or alias
+    A subclass supplies `_begin_generation`, `_propose` and `_end_generation`. Its constructor names
+    the arguments that are its own, and passes on the others as ``**shared``
+    (`sb3_nmp.common.arguments`).
+
+    :param policy: the policy's class, or ``"MlpPolicy"``
     :param env: the environment or its id; T x D trajectories as actions, contexts as observations
-    :param population_size: rollouts a generation; a multiple of the number of environments
+    :param population_size: rollouts per generation; a multiple of the number of environments
     :param learning_rate: of the gradient-based parts, or a schedule of it
-    :param policy_kwargs: further arguments of the policy
-    :param stats_window_size: rollouts over which the logged success rate and reward are averaged
-    :param tensorboard_log: folder for TensorBoard; None switches it off
-    :param verbose: 0 nothing, 1 the log table, 2 debug messages
-    :param seed: of Python, NumPy, PyTorch, the environment and this algorithm's generator
-    :param device: of the networks
-    :param _init_setup_model: whether to build the networks at once
-    :raises ConfigurationError: the environment or the population does not fit
+    :param demonstrations: of an expert. They are not saved with the model
+    :param exploration_scale: standard deviation of the first trajectories that are tried, in the
+        trajectory's unit, one value or one per dimension; None takes the environment's
+        ``exploration_scale``
+    :param device: of the policy. The networks are small: a GPU would mostly wait for rollouts
+    :param _init_setup_model: whether to build the policy at once
+    :raises ConfigurationError: a value outside its range, or an environment that does not fit
+    :raises InvalidDataError: demonstrations that do not fit the environment
     """
 
     policy: TrajectoryPolicy
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {}
+    #: share of the environment's scale that is taken where no ``exploration_scale`` is given
+    default_exploration: ClassVar[float] = 1.0
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:  # noqa: ANN401
+        super().__init_subclass__(**kwargs)
+        complete(cls)
+
+    def __new__(cls, *args: Any, **kwargs: Any) -> Self:  # noqa: ANN401
+        """Refuse arguments that do not exist before anything else is looked at.
+
+        :param args: of the constructor
+        :param kwargs: of the constructor
+        """
+        del args
+        check_names(cls, kwargs)
+        return super().__new__(cls)
 
     def __init__(
         self,
         policy: str | type[TrajectoryPolicy],
         env: GymEnv | str,
+        *,
         population_size: int,
-        learning_rate: float | Schedule,
-        policy_kwargs: dict[str, Any] | None,
-        stats_window_size: int,
-        tensorboard_log: str | None,
-        verbose: int,
-        seed: int | None,
-        device: Any,  # noqa: ANN401
-        _init_setup_model: bool,
+        learning_rate: float | Schedule = 0.0,
+        demonstrations: Demonstrations | None = None,
+        exploration_scale: Scale | None = None,
+        device: Any = "cpu",  # noqa: ANN401
+        _init_setup_model: bool = True,
+        **shared: Unpack[SB3Arguments],
     ) -> None:
         if isinstance(policy, str) and policy not in self.policy_aliases:
             raise ConfigurationError(
@@ -156,22 +92,20 @@ class TrajectoryAlgorithm(BaseAlgorithm):
                 f"{', '.join(self.policy_aliases)}."
             )
         if isinstance(env, str):
-            check_env_id(env)
+            environment.check_env_id(env)
         super().__init__(
-            policy=policy,
-            env=env,
-            learning_rate=learning_rate,
-            policy_kwargs=policy_kwargs,
-            stats_window_size=stats_window_size,
-            tensorboard_log=tensorboard_log,
-            verbose=verbose,
-            seed=seed,
+            policy,
+            env,
+            learning_rate,
             device=device,
             support_multi_env=True,
             supported_action_spaces=(spaces.Box,),
+            **shared,
         )
         self.population_size = population_size
-        self.rng = np.random.default_rng(seed)
+        self.demonstrations = check_type(demonstrations)
+        self.exploration_scale = exploration_scale
+        self.rng = np.random.default_rng(self.seed)
         self._n_updates = 0
         self._generation_started = False
         self._collected: list[Generation] = []
@@ -219,32 +153,23 @@ class TrajectoryAlgorithm(BaseAlgorithm):
         self.set_random_seed(self.seed)
         if self.env is not None:
             self._check_population(self.env)
-        self._check_spaces()
+        environment.check_spaces(self.action_space, self.observation_space, type(self).__name__)
+        self._check_scale("exploration_scale")
         self.policy = cast(type[TrajectoryPolicy], self.policy_class)(
             self.observation_space, self.action_space, self.lr_schedule, **self.policy_kwargs
         )
         self.policy = self.policy.to(self.device)
+        if self.demonstrations is not None:
+            self.demonstrations.check_fits(self.policy.context_dim, self.policy.trajectory_shape)
 
-    def _check_spaces(self) -> None:
-        action, observation = self.action_space, self.observation_space
-        if len(action.shape or ()) != 2:
-            raise ConfigurationError(
-                f"the action space has shape {action.shape}; {type(self).__name__} answers with "
-                "whole trajectories and needs (T, D): T time points, D dimensions."
-            )
-        if not isinstance(observation, spaces.Box) or len(observation.shape) != 1:
-            raise ConfigurationError(
-                f"the observation space is {observation}; {type(self).__name__} needs a Box of "
-                "shape (C,): the context."
-            )
+    def _check_scale(self, name: str) -> None:
+        """Raise unless an attribute is None or a standard deviation that fits a trajectory."""
+        if getattr(self, name) is not None:
+            n_dimensions = cast(spaces.Box, self.action_space).shape[1]
+            environment.check_scale(name, getattr(self, name), n_dimensions)
 
     def _check_population(self, env: VecEnv) -> None:
-        if self.population_size < 1 or self.population_size % env.num_envs:
-            raise ConfigurationError(
-                f"the population of {self.population_size} does not fit {env.num_envs} parallel "
-                f"environments: it must be a positive multiple of {env.num_envs}. Change the "
-                "population or n_envs."
-            )
+        environment.check_multiple("the population", self.population_size, env.num_envs)
 
     def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
         """Exchange the environment; see SB3.
@@ -257,31 +182,25 @@ class TrajectoryAlgorithm(BaseAlgorithm):
         self._check_population(cast(VecEnv, self.env))
 
     def initial_trajectory(self) -> NDArray[np.float64]:
-        """Return the environment's naive trajectory for the current context, shape (T, D).
+        """Return the environment's naive trajectory for the current context, shape (T, D)."""
+        space = cast(spaces.Box, self.action_space)
+        return environment.initial_trajectory(cast(VecEnv, self.env), space)
 
-        It is read from the environment's method ``initial_trajectory``; without such a method, it
-        rests in the middle of the action space.
+    def first_scale(self) -> tuple[float, ...]:
+        """Return the scale at which exploration begins, in the trajectory's unit, length D.
+
+        It is the argument ``exploration_scale``; where that is None, the environment's, times
+        ``default_exploration``.
         """
-        env = cast(VecEnv, self.env)
-        try:
-            return np.asarray(env.env_method("initial_trajectory", indices=[0])[0], np.float64)
-        except AttributeError:
-            space = cast(spaces.Box, self.action_space)
-            return (space.low.astype(np.float64) + space.high) / 2
+        space = cast(spaces.Box, self.action_space)
+        if self.exploration_scale is not None:
+            given = np.broadcast_to(np.asarray(self.exploration_scale, np.float64), space.shape[1:])
+            return tuple(given.tolist())
+        found = environment.exploration_scale(cast(VecEnv, self.env), space)
+        return tuple((self.default_exploration * found).tolist())
 
-    def exploration_scale(self) -> tuple[float, ...]:
-        """Return the environment's scale of exploration by dimension, length D.
-
-        It is read from the environment's attribute ``exploration_scale``; without such an
-        attribute, it is a tenth of the action space's range.
-        """
-        env = cast(VecEnv, self.env)
-        try:
-            scale = np.asarray(env.get_attr("exploration_scale", indices=[0])[0], np.float64)
-        except AttributeError:
-            space = cast(spaces.Box, self.action_space)
-            scale = (space.high.astype(np.float64) - space.low).mean(axis=0) / 10
-        return tuple(scale.tolist())
+    def _excluded_save_params(self) -> list[str]:
+        return [*super()._excluded_save_params(), "demonstrations"]
 
     # -- the loop ------------------------------------------------------------------------------
 
@@ -426,20 +345,4 @@ class TrajectoryAlgorithm(BaseAlgorithm):
         self.logger.dump(step=self.num_timesteps)
 
 
-def check_env_id(env_id: str) -> None:
-    """Raise a helpful error for an environment id that Gymnasium does not know.
-
-    :param env_id: such as ``"nmp/Bottles-v0"`` or ``"module:id"``
-    :raises ConfigurationError: it is not registered
-    """
-    if ":" in env_id or env_id in gym.registry:
-        return
-    known = sorted(key for key in gym.registry if key.startswith("nmp/"))
-    raise ConfigurationError(
-        f"no environment '{env_id}' is registered with Gymnasium. "
-        + (
-            f"There are: {', '.join(known)}, besides Gymnasium's own."
-            if known
-            else "The nmp/* tasks are registered by 'import benchmark_envs'."
-        )
-    )
+complete(TrajectoryAlgorithm)

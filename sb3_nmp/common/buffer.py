@@ -11,6 +11,8 @@ from scipy.stats import rankdata
 from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
 
 FILE_KEYS = ("contexts", "trajectories", "rewards")
+#: how a network sees rewards: by place in [-1, 1], or with mean 0 and standard deviation 1
+RewardScaling = Literal["rank", "standardize"]
 
 
 class TrajectoryBuffer:
@@ -149,9 +151,7 @@ def places(rewards: NDArray[np.floating]) -> NDArray[np.float64]:
     return rankdata(-rewards, method="average") - 1.0
 
 
-def scale_rewards(
-    rewards: NDArray[np.floating], scaling: Literal["rank", "standardize"]
-) -> NDArray[np.float64]:
+def scale_rewards(rewards: NDArray[np.floating], scaling: RewardScaling) -> NDArray[np.float64]:
     """Return rewards on a scale that a network can be fed with, shape (N,).
 
     :param rewards: shape (N,)

@@ -265,6 +265,20 @@ class Demonstrations:
         )
 
 
+def check_type(demonstrations: Demonstrations | None) -> Demonstrations | None:
+    """Return what was given, or raise if it is no set of demonstrations.
+
+    :param demonstrations: a set, or None
+    :raises ConfigurationError: it is something else
+    """
+    if demonstrations is not None and not isinstance(demonstrations, Demonstrations):
+        raise ConfigurationError(
+            f"demonstrations is a {type(demonstrations).__name__}; it must be Demonstrations: "
+            "Demonstrations(contexts, trajectories) makes them from arrays."
+        )
+    return demonstrations
+
+
 def _check_minari() -> None:
     if find_spec("minari") is None:
         raise ConfigurationError(

@@ -5,6 +5,10 @@ class ConfigurationError(ValueError):
     """An algorithm's settings do not fit each other or the environment."""
 
 
+class UnknownArgumentError(ConfigurationError, TypeError):
+    """A constructor was given an argument that it does not have."""
+
+
 class InvalidDataError(ValueError):
     """Trajectories, contexts or rewards have the wrong shape or hold non-finite values."""
 

@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.settings import settings_name
 
 
+@settings_name("smooth-noise")
 @dataclass(frozen=True)
 class SmoothNoise:
     """Gaussian noise over a trajectory whose values at neighbouring times are correlated.
@@ -16,20 +18,24 @@ class SmoothNoise:
     deviation is ``sigma`` at every time point (thesis 6.1, mutation, "smoothed Gaussian noise").
     Few wide bases bend the whole path; the original code's 20 knots only roughen it.
 
-    :param sigma: standard deviation, in the trajectory's unit; one value or one a dimension. None
-        leaves it to the algorithm, which takes the environment's ``exploration_scale``
+    >>> noise = SmoothNoise(sigma=0.1, n_bases=5)
+    >>> noise.sample(np.random.default_rng(0), n=3, shape=(200, 2)).shape
+    (3, 200, 2)
+
+    :param sigma: standard deviation, one value or one per dimension: in the trajectory's unit, or,
+        where an algorithm is given the noise, in units of its ``exploration_scale``
     :param n_bases: how many bases, evenly spaced over [0, 1]
     :param width: standard deviation of a basis, in units of the bases' spacing
     :raises ConfigurationError: a value outside its range
     """
 
-    sigma: float | tuple[float, ...] | None = None
+    sigma: float | tuple[float, ...] = 1.0
     n_bases: int = 10
     width: float = 1.0
 
     def __post_init__(self) -> None:
         """Check the values."""
-        sigma = np.asarray(0.0 if self.sigma is None else self.sigma, np.float64)
+        sigma = np.asarray(self.sigma, np.float64)
         if np.any(sigma < 0) or not np.all(np.isfinite(sigma)):
             raise ConfigurationError(f"sigma is {self.sigma}; it must be finite and >= 0.")
         if self.n_bases < 2:
@@ -58,10 +64,7 @@ class SmoothNoise:
         :param shape: (T, D)
         :param rate: probability with which each basis takes part; below 1, a noise trajectory
             leaves parts of the path as they are
-        :raises ConfigurationError: sigma is None
         """
-        if self.sigma is None:
-            raise ConfigurationError("the noise's sigma is None; give it before drawing noise.")
         weights = rng.standard_normal((n, self.n_bases, shape[1]))
         weights *= rng.uniform(size=(n, self.n_bases, 1)) < rate
         return np.asarray(self.sigma) * (self.bases(shape[0]) @ weights)

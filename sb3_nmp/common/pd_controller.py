@@ -7,8 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.settings import settings_name
 
 
+@settings_name("pd-controller")
 @dataclass(frozen=True)
 class PDController:
     """Makes a desired trajectory smooth and pulls its end to the goal.
@@ -19,8 +21,12 @@ class PDController:
         e(t) = lambda1(t) (g - x(t)) + lambda2(t) (tau(t) - x(t))
 
     with lambda1 = 3 t^20 and lambda2 = 1 - t^20 for t in [0, 1]. As in the original code, de/dt is
-    the difference of successive errors, and x moves by ``duration * u / (T - 1)`` a time point.
+    the difference of successive errors, and x moves by ``duration * u / (T - 1)`` per time point.
     Since x is linear in (tau, g, x(0)), a whole batch is filtered by one matrix product.
+
+    >>> straight = np.linspace([0.0, 0.0], [1.0, 2.0], 200)
+    >>> PDController()(straight[None], straight[0], straight[-1])[0, -1].round(2).tolist()
+    [1.0, 2.0]
 
     :param kp: proportional gain Kp
     :param kd: gain Kd on the error's difference

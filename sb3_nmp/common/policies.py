@@ -1,11 +1,16 @@
-"""The base of all policies that answer a context with a whole trajectory."""
+"""The bases of all policies that answer a context with a whole trajectory."""
 
+from abc import abstractmethod
 from typing import Any, cast
 
+import numpy as np
 import torch as th
 from gymnasium import spaces
+from numpy.typing import NDArray
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import PyTorchObs
+
+from sb3_nmp.common.elites import EliteMemory
 
 
 class TrajectoryPolicy(BasePolicy):
@@ -36,3 +41,44 @@ class TrajectoryPolicy(BasePolicy):
         :param deterministic: the greedy trajectory instead of a sample
         """
         return self._predict(observation, deterministic)
+
+
+class ElitePolicy(TrajectoryPolicy):
+    """Answers a context with the best trajectory seen in it, else with what it generalises to.
+
+    :param observation_space: contexts, shape (C,)
+    :param action_space: trajectories, shape (T, D)
+    """
+
+    def __init__(self, observation_space: spaces.Box, action_space: spaces.Box) -> None:
+        super().__init__(observation_space, action_space)
+        self.elites = EliteMemory(self.context_dim, self.trajectory_shape)
+
+    @abstractmethod
+    def generalise(self, contexts: th.Tensor, deterministic: bool = True) -> th.Tensor:
+        """Return the learned trajectory for each context, shape (N, T, D).
+
+        :param contexts: shape (N, C)
+        :param deterministic: the mean instead of a sample
+        """
+
+    def _predict(self, observation: PyTorchObs, deterministic: bool = False) -> th.Tensor:
+        contexts = cast(th.Tensor, observation)
+        trajectories = self.generalise(contexts, deterministic)
+        if deterministic:
+            for row, context in enumerate(contexts):
+                elite = self.elites.find(context)
+                if elite is not None:
+                    trajectories[row] = self.elites.trajectories[elite]
+        return trajectories
+
+    def greedy(self, contexts: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return the greedy trajectories inside the action space, shape (N, T, D).
+
+        :param contexts: shape (N, C)
+        """
+        rows = th.as_tensor(np.asarray(contexts), dtype=th.float32, device=self.device)
+        with th.no_grad():
+            answered = self._predict(rows, deterministic=True).cpu().numpy()
+        space = cast(spaces.Box, self.action_space)
+        return np.clip(answered, space.low, space.high).astype(np.float64)

@@ -5,116 +5,90 @@ subclass supplies where a member's trajectory comes from before it is mutated.
 """
 
 from abc import abstractmethod
-from dataclasses import replace
-from typing import Any, Protocol, cast
+from typing import Any, Unpack, cast
 
 import numpy as np
-import torch as th
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 
-from sb3_nmp.common.algorithm import Generation, TrajectoryAlgorithm
+from sb3_nmp.common.arguments import SharedArguments
 from sb3_nmp.common.buffer import TrajectoryBuffer
-from sb3_nmp.common.elites import EliteMemory
+from sb3_nmp.common.buffered import BufferedAlgorithm
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.pd_controller import PDController
-from sb3_nmp.common.policies import TrajectoryPolicy
+from sb3_nmp.common.policies import ElitePolicy
+from sb3_nmp.common.rollouts import Generation
+
+Rules = dict[str, tuple[bool, str]]
 
 
-class RemembersElites(Protocol):
-    """A policy that keeps the best trajectories."""
+class PopulationArguments(SharedArguments, total=False):
+    """Those that all searches by populations share; `PopulationSearch` describes them."""
 
-    elites: EliteMemory
+    mutation: SmoothNoise | None
+    mutation_rate: float
+    pd_controller: PDController | None
+    buffer_size: int | None
+    n_elites: int
 
 
-class PopulationSearch(TrajectoryAlgorithm):
+class PopulationSearch(BufferedAlgorithm):
     """A search by populations around the best rollouts so far.
 
     The first generation executes the initial trajectories as they are and, for the rest of the
     members, mutated; later ones mutate what the subclass proposes. Every trajectory passes the PD
     controller before it is executed and stored.
 
-    :param policy: the policy's class or alias
-    :param env: the environment or its id
-    :param n_plain: members of a generation that are no crossover children
     :param n_crossover: members that are crossover children, even
-    :param mutation: noise of the first generation, in the trajectory's unit; None switches it off
     :param mutation_decay: factor on the noise after each generation, in (0, 1]
+    :param n_explorers: members of every generation, the first ones, that are made as in the first
+        generation, so that a search whose noise has decayed can still leave a local optimum
+    :param temperature: stored rollouts are drawn with probability proportional to
+        exp(-place / temperature), where the best has place 0; ``math.inf`` draws all alike
+    :param demonstrations: whose trajectories the search starts from, whatever their contexts;
+        None starts from the environment's ``initial_trajectory``. They are not saved with the model
+    :param mutation: noise of the first generation, in units of ``exploration_scale``; None switches
+        it off
     :param mutation_rate: probability with which each of the noise's bases takes part, after the
         first generation
-    :param n_explorers: members of every generation that are made as in the first one, so that a
-        search whose noise has decayed can still leave a local optimum
     :param pd_controller: filter of every trajectory, from the initial trajectory's first point to
         its last one; None sends trajectories as they are
-    :param initial_trajectories: guesses whose rewards are not known, shape (T, D) or (M, T, D); by
-        default the environment's ``initial_trajectory``
     :param buffer_size: rollouts kept; None keeps all
     :param n_elites: best rollouts that a full buffer never drops
-    :param temperature: in places, > 0: small ones prefer the best rollouts
-    :param learning_rate: see `TrajectoryAlgorithm`, as for the rest
-    :param policy_kwargs: further arguments of the policy
-    :param stats_window_size: rollouts over which the log averages
-    :param tensorboard_log: folder for TensorBoard
-    :param verbose: amount of printing
-    :param seed: of the search
-    :param device: of the policy
-    :param _init_setup_model: whether to build the policy at once
-    :raises ConfigurationError: a value outside its range, or a population that does not fit
     """
 
     def __init__(
         self,
-        policy: str | type[TrajectoryPolicy],
+        policy: str | type[ElitePolicy],
         env: GymEnv | str,
-        n_plain: int,
+        *,
+        population_size: int,
         n_crossover: int,
-        mutation: SmoothNoise | None,
         mutation_decay: float,
-        mutation_rate: float,
         n_explorers: int,
-        pd_controller: PDController | None,
-        initial_trajectories: ArrayLike | None,
-        buffer_size: int | None,
-        n_elites: int,
         temperature: float,
-        learning_rate: float | Schedule,
-        policy_kwargs: dict[str, Any] | None,
-        stats_window_size: int,
-        tensorboard_log: str | None,
-        verbose: int,
-        seed: int | None,
-        device: th.device | str,
-        _init_setup_model: bool,
+        learning_rate: float | Schedule = 0.0,
+        mutation: SmoothNoise | None = SmoothNoise(),  # noqa: B008 (frozen)
+        mutation_rate: float = 0.5,
+        pd_controller: PDController | None = PDController(),  # noqa: B008 (frozen)
+        buffer_size: int | None = None,
+        n_elites: int = 1,
+        **shared: Unpack[SharedArguments],
     ) -> None:
-        self.n_plain = n_plain
-        self.n_crossover = n_crossover
-        self.mutation = mutation
+        self.population_size, self.n_crossover = population_size, n_crossover
+        self.mutation, self.mutation_rate = mutation, mutation_rate
         self.mutation_decay = mutation_decay
-        self.mutation_rate = mutation_rate
-        self.n_explorers = n_explorers
+        self.n_explorers, self.temperature = n_explorers, temperature
         self.pd_controller = pd_controller
-        self.initial_trajectories = initial_trajectories
-        self.buffer_size = buffer_size
-        self.n_elites = n_elites
-        self.temperature = temperature
+        self.buffer_size, self.n_elites = buffer_size, n_elites
         self._initial: NDArray[np.float64] | None = None
         self._noise: NDArray[np.float64] | None = None
         for name, (fits, rule) in self._rules().items():
             if not fits:
                 raise ConfigurationError(f"{name} is {getattr(self, name)!r}; it must be {rule}.")
         super().__init__(
-            policy=policy,
-            env=env,
-            population_size=n_plain + n_crossover,
-            learning_rate=learning_rate,
-            policy_kwargs=policy_kwargs,
-            stats_window_size=stats_window_size,
-            tensorboard_log=tensorboard_log,
-            verbose=verbose,
-            seed=seed,
-            device=device,
-            _init_setup_model=_init_setup_model,
+            policy, env, population_size=population_size, learning_rate=learning_rate, **shared
         )
 
     @abstractmethod
@@ -129,43 +103,40 @@ class PopulationSearch(TrajectoryAlgorithm):
         :param context: its context, shape (C,)
         """
 
-    def _rules(self) -> dict[str, tuple[bool, str]]:
+    def _rules(self) -> Rules:
         """Return for each setting whether it fits, and its rule in words."""
+        n = self.population_size
         return {
-            "n_plain": (self.n_plain >= 0, ">= 0"),
+            "population_size": (n >= 1, ">= 1"),
             "n_crossover": (
-                self.n_crossover >= 0 and self.n_crossover % 2 == 0,
-                "even and >= 0: each pair of parents has two children",
+                0 <= self.n_crossover <= n and self.n_crossover % 2 == 0,
+                f"even, >= 0 and at most the population of {n}: two parents have two children",
             ),
             "mutation_decay": (0 < self.mutation_decay <= 1, "in (0, 1]"),
             "mutation_rate": (0 < self.mutation_rate <= 1, "in (0, 1]"),
-            "n_explorers": (
-                0 <= self.n_explorers < self.n_plain + self.n_crossover,
-                "at least 0 and less than the population",
-            ),
+            "n_explorers": (0 <= self.n_explorers < n, "at least 0 and less than the population"),
             "temperature": (self.temperature > 0, "> 0; math.inf draws all rollouts alike"),
         }
 
     def _setup_model(self) -> None:
         super()._setup_model()
-        self.replay_buffer = TrajectoryBuffer(
-            self.policy.context_dim, self.policy.trajectory_shape, self.buffer_size, self.n_elites
-        )
+        if self.demonstrations is not None:
+            self._initial = self.demonstrations.trajectories
+
+    def _empty_buffer(self) -> TrajectoryBuffer:
+        shape = self.policy.trajectory_shape
+        return TrajectoryBuffer(self.policy.context_dim, shape, self.buffer_size, self.n_elites)
+
+    @property
+    def n_plain(self) -> int:
+        """How many members are no crossover children; they come first."""
+        return self.population_size - self.n_crossover
 
     @property
     def initial(self) -> NDArray[np.float64]:
         """The trajectories from which the search starts, shape (M, T, D)."""
         if self._initial is None:
-            given = self.initial_trajectories
-            initial = self.initial_trajectory() if given is None else np.asarray(given, np.float64)
-            initial = initial[None] if initial.ndim == 2 else initial
-            shape = self.policy.trajectory_shape
-            if initial.shape[1:] != shape or not np.isfinite(initial).all():
-                raise ConfigurationError(
-                    f"initial_trajectories of shape {initial.shape} were given; they must be "
-                    f"finite and of shape (T, D) = {shape} or (M, T, D)."
-                )
-            self._initial = initial
+            self._initial = self.initial_trajectory()[None]
         return self._initial
 
     @property
@@ -174,23 +145,24 @@ class PopulationSearch(TrajectoryAlgorithm):
         return self.population_size if len(self.replay_buffer) == 0 else self.n_explorers
 
     def _begin_generation(self) -> None:
+        self._noise = self._draw_noise()
+        if len(self.replay_buffer) == 0:
+            self._noise[: len(self.initial)] = 0.0
+        else:
+            self._draw_members()
+
+    def _draw_noise(self) -> NDArray[np.float64]:
+        """Return the mutation of each member, shape (N, T, D)."""
         n, shape = self.population_size, self.policy.trajectory_shape
         noise = np.zeros((n, *shape))
         if self.mutation is not None:
-            if self.mutation.sigma is None:
-                self.mutation = replace(self.mutation, sigma=self.exploration_scale())
-            fresh = self._n_fresh
+            fresh, sigma = self._n_fresh, np.asarray(self.first_scale())
             scale = self.mutation_decay**self._n_updates
-            noise[:fresh] = self.mutation.sample(self.rng, fresh, shape)
-            noise[fresh:] = scale * self.mutation.sample(
-                self.rng, n - fresh, shape, self.mutation_rate
-            )
+            noise[:fresh] = sigma * self.mutation.sample(self.rng, fresh, shape)
+            later = self.mutation.sample(self.rng, n - fresh, shape, self.mutation_rate)
+            noise[fresh:] = scale * (sigma * later)
             self.logger.record("train/mutation_scale", scale)
-        if len(self.replay_buffer) == 0:
-            noise[: len(self.initial)] = 0.0
-        else:
-            self._draw_members()
-        self._noise = noise
+        return noise
 
     def _propose(self, members: slice, contexts: NDArray[np.float32]) -> NDArray[np.floating]:
         """Make, mutate and filter one member at a time.
@@ -212,37 +184,23 @@ class PopulationSearch(TrajectoryAlgorithm):
         return np.stack(proposed)
 
     def _observe(self, rollouts: Generation) -> None:
-        elites = cast(RemembersElites, self.policy).elites
-        elites.update(rollouts.contexts, rollouts.trajectories, rollouts.rewards)
+        self.policy.elites.update(rollouts.contexts, rollouts.trajectories, rollouts.rewards)
 
     def _end_generation(self, generation: Generation) -> None:
         self.replay_buffer.add(generation.contexts, generation.trajectories, generation.rewards)
         self.logger.record("train/best_reward", float(self.replay_buffer.rewards.max()))
         self.logger.record("train/buffer_size", len(self.replay_buffer))
 
-    # -- saving --------------------------------------------------------------------------------
-
-    def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "replay_buffer"]
-
-    def save_replay_buffer(self, path: str) -> None:
-        """Write the replay buffer as .npz; with it, a saved model resumes exactly.
-
-        :param path: of the file; SB3's CheckpointCallback calls this too
-        """
-        self.replay_buffer.save(path)
-
     def load_replay_buffer(self, path: str) -> None:
-        """Read a replay buffer: to resume, or to seed a search with rollouts of known reward.
+        """Read a replay buffer; its rollouts are remembered as elites too.
 
         :param path: of a file that `save_replay_buffer` wrote
         :raises FileFormatError: it is not such a file
         :raises InvalidDataError: its rollouts do not fit the environment
         """
-        self.replay_buffer.load(path)
+        super().load_replay_buffer(path)
         buffer = self.replay_buffer
-        elites = cast(RemembersElites, self.policy).elites
-        elites.update(buffer.contexts, buffer.trajectories, buffer.rewards)
+        self.policy.elites.update(buffer.contexts, buffer.trajectories, buffer.rewards)
 
 
 def blend(before: NDArray[Any], after: NDArray[Any], cut: int) -> NDArray[Any]:

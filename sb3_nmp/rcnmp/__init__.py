@@ -1,7 +1,7 @@
 """Reward Conditioned Neural Movement Primitives (thesis chapter 6)."""
 
-from sb3_nmp.rcnmp.policies import RCNMPPolicy
-from sb3_nmp.rcnmp.rcnmp import RCNMP
-from sb3_nmp.rcnmp.training import TrainingSettings
+from sb3_nmp.rcnmp.algorithm import RCNMP
+from sb3_nmp.rcnmp.policy import RCNMPPolicy
+from sb3_nmp.rcnmp.training import RCNMPTraining
 
-__all__ = ["RCNMP", "RCNMPPolicy", "TrainingSettings"]
+__all__ = ["RCNMP", "RCNMPPolicy", "RCNMPTraining"]

@@ -13,15 +13,21 @@ from numpy.typing import NDArray
 from torch.distributions import Normal, kl_divergence
 
 from sb3_nmp.common.exceptions import ConfigurationError
-from sb3_nmp.common.networks import NeuralProcess
+from sb3_nmp.common.settings import settings_name
+from sb3_nmp.models.neural_process import NeuralProcess
 
 
+@settings_name("rcnmp-training")
 @dataclass(frozen=True)
-class TrainingSettings:
-    """How long and on what mini-batches the network is trained after each generation.
+class RCNMPTraining:
+    """How long and on what mini-batches RC-NMP's network is trained after each generation.
+
+    >>> from sb3_nmp import RCNMPTraining
+    >>> RCNMPTraining(n_steps=30).batch_size
+    16
 
     :param n_steps: steps of Adam
-    :param batch_size: trajectories a step
+    :param batch_size: trajectories per step
     :param n_target_points: random time points of each trajectory at which it is predicted
     :param max_conditioning_points: the encoder sees 1 to this many random points
     """
@@ -73,7 +79,7 @@ class Elbo:
 
 
 def elbo(network: NeuralProcess, batch: Batch, beta: float) -> Elbo:
-    """Return the evidence lower bound of Eq. 6.2 with one latent sample a trajectory.
+    """Return the evidence lower bound of Eq. 6.2 with one latent sample per trajectory.
 
     The log-likelihood is averaged, not summed, over time, so that beta does not depend on how
     many points are drawn.
@@ -92,7 +98,7 @@ def elbo(network: NeuralProcess, batch: Batch, beta: float) -> Elbo:
 
 
 def batches(
-    settings: TrainingSettings,
+    settings: RCNMPTraining,
     times: th.Tensor,
     values: th.Tensor,
     condition: th.Tensor,

@@ -1,20 +1,19 @@
 """RC-NMP's policy: the reward-conditioned neural process and the best trajectories seen."""
 
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import torch as th
 from gymnasium import spaces
 from numpy.typing import NDArray
-from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
+from stable_baselines3.common.type_aliases import Schedule
 from torch import nn
 
-from sb3_nmp.common.elites import EliteMemory
-from sb3_nmp.common.networks import NeuralProcess
-from sb3_nmp.common.policies import TrajectoryPolicy
+from sb3_nmp.common.policies import ElitePolicy
+from sb3_nmp.models.neural_process import NeuralProcess
 
 
-class RCNMPPolicy(TrajectoryPolicy):
+class RCNMPPolicy(ElitePolicy):
     """Answers a context with the best trajectory seen in it, else with what the network proposes.
 
     The network models trajectories as deviations from the initial trajectory ``offset``, in units
@@ -69,9 +68,8 @@ class RCNMPPolicy(TrajectoryPolicy):
             decoder_arch=list(decoder_arch),
             n_frequencies=n_frequencies,
             decoder_std=decoder_std,
-            activation=activation_fn,
+            activation_fn=activation_fn,
         )
-        self.elites = EliteMemory(self.context_dim, shape)
         self.register_buffer("times", th.linspace(0.0, 1.0, shape[0]))
         self.register_buffer("offset", th.zeros(shape))
         self.register_buffer("scale", th.zeros(shape[1]))
@@ -102,17 +100,14 @@ class RCNMPPolicy(TrajectoryPolicy):
         condition = self.condition(contexts, self.target_reward.expand(len(contexts)))
         return self.offset + self.scale * self.network.decode(self.times, latents, condition).mean
 
-    def _predict(self, observation: PyTorchObs, deterministic: bool = False) -> th.Tensor:
-        contexts = cast(th.Tensor, observation)
+    def generalise(self, contexts: th.Tensor, deterministic: bool = True) -> th.Tensor:
+        """Return what the network proposes for the best reward seen, shape (N, T, D).
+
+        :param contexts: shape (N, C)
+        :param deterministic: decode the latent 0 instead of one drawn from N(0, I)
+        """
         latents = contexts.new_zeros((len(contexts), self.latent_dim))
-        if not deterministic:
-            return self.generate(contexts, th.randn_like(latents))
-        trajectories = self.generate(contexts, latents)
-        for row, context in enumerate(contexts):
-            elite = self.elites.find(context)
-            if elite is not None:
-                trajectories[row] = self.elites.trajectories[elite]
-        return trajectories
+        return self.generate(contexts, latents if deterministic else th.randn_like(latents))
 
     @property
     def is_scaled(self) -> bool:

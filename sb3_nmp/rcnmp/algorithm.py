@@ -1,25 +1,23 @@
 """RC-NMP: skill learning as supervised learning, conditioned on reward (thesis chapter 6)."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, cast
+from typing import ClassVar, Unpack, cast, get_args
 
 import numpy as np
 import torch as th
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 
-from sb3_nmp.common.algorithm import Generation
-from sb3_nmp.common.buffer import scale_rewards, selection_weights
-from sb3_nmp.common.noise import SmoothNoise
-from sb3_nmp.common.pd_controller import PDController
-from sb3_nmp.common.population import PopulationSearch, blend
-from sb3_nmp.rcnmp.policies import RCNMPPolicy
-from sb3_nmp.rcnmp.training import Elbo, TrainingSettings, batches, elbo
+from sb3_nmp.common.buffer import RewardScaling, scale_rewards, selection_weights
+from sb3_nmp.common.population import PopulationArguments, PopulationSearch, Rules, blend
+from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.rcnmp.policy import RCNMPPolicy
+from sb3_nmp.rcnmp.training import Elbo, RCNMPTraining, batches, elbo
 
 
 @dataclass(frozen=True)
-class Plan:
+class Parents:
     """What a generation's N members are made of, drawn before their contexts are known.
 
     A member follows its first parent until its cut in time, and its second parent from it on. A
@@ -52,43 +50,25 @@ class RCNMP(PopulationSearch):
 
     Every element can be switched off: ``n_crossover=0``, ``mutation=None``,
     ``pd_controller=None``, ``reward_conditioning=False``, ``beta=0``, ``temperature=math.inf``
-    (draws every stored rollout alike), ``buffer_size=population`` with ``n_elites=0`` (keeps the
-    last generation only).
+    (draws every stored rollout alike), ``buffer_size=population_size`` with ``n_elites=0`` (keeps
+    the last generation only).
 
-    :param policy: ``"MlpPolicy"``
-    :param env: the environment or its id
+    >>> import benchmark_envs
+    >>> from sb3_nmp import RCNMP
+    >>> model = RCNMP("MlpPolicy", "nmp/Bottles-v0", seed=0).learn(40)
+    >>> context = model.get_env().reset()
+    >>> model.predict(context, deterministic=True)[0].shape
+    (1, 200, 2)
+
     :param learning_rate: of Adam, or a schedule of it
-    :param n_sampled: members of a generation that are decoded from one latent
-    :param n_crossover: members that are crossover children, even
     :param elite_parents: probability that a parent of a crossover is a stored rollout, drawn like
         those for training, instead of a decoded latent; 0 is the thesis's crossover
     :param latent_std: standard deviation of the latents in the search, where training has 1
-    :param mutation: noise of the first generation, in the trajectory's unit; None switches it off
-    :param mutation_decay: factor on the noise after each generation, in (0, 1]
-    :param mutation_rate: probability with which each basis of the noise takes part
-    :param n_explorers: members of every generation, the first ones, that mutate the initial
-        trajectory as in the first generation
-    :param pd_controller: filter of every trajectory, from the initial trajectory's first point to
-        its last one; None sends trajectories as they are
-    :param initial_trajectories: demonstrations or guesses whose rewards are not known, shape
-        (T, D) or (M, T, D); by default the environment's ``initial_trajectory``
-    :param buffer_size: rollouts kept; None keeps all
-    :param n_elites: best rollouts that a full buffer never drops
     :param reward_scaling: how the network sees rewards: ``"rank"`` in [-1, 1], or
         ``"standardize"``
     :param reward_conditioning: whether the network sees the reward
-    :param temperature: rollouts are drawn, for training and as parents, with probability
-        proportional to exp(-place / this), where the best has place 0
     :param beta: weight of the KL divergence in Eq. 6.2
     :param training: length and mini-batches of the training after each generation
-    :param policy_kwargs: further arguments of `RCNMPPolicy`
-    :param stats_window_size: rollouts over which the log averages
-    :param tensorboard_log: folder for TensorBoard; None switches it off
-    :param verbose: 0 nothing, 1 the log table, 2 debug messages
-    :param seed: equal seeds give equal runs, bit for bit
-    :param device: of the network
-    :param _init_setup_model: whether to build the network at once
-    :raises ConfigurationError: a value outside its range, or a population that does not fit
     """
 
     policy: RCNMPPolicy
@@ -98,75 +78,45 @@ class RCNMP(PopulationSearch):
         self,
         policy: str | type[RCNMPPolicy],
         env: GymEnv | str,
+        *,
         learning_rate: float | Schedule = 3e-3,
-        n_sampled: int = 4,
+        population_size: int = 20,
         n_crossover: int = 16,
         elite_parents: float = 0.6,
         latent_std: float = 3.0,
-        mutation: SmoothNoise | None = SmoothNoise(),  # noqa: B008 (frozen)
         mutation_decay: float = 0.75,
-        mutation_rate: float = 0.5,
         n_explorers: int = 1,
-        pd_controller: PDController | None = PDController(),  # noqa: B008 (frozen)
-        initial_trajectories: ArrayLike | None = None,
-        buffer_size: int | None = None,
-        n_elites: int = 1,
-        reward_scaling: Literal["rank", "standardize"] = "rank",
+        reward_scaling: RewardScaling = "rank",
         reward_conditioning: bool = True,
         temperature: float = 4.0,
         beta: float = 0.3,
-        training: TrainingSettings = TrainingSettings(),  # noqa: B008 (frozen)
-        policy_kwargs: dict[str, Any] | None = None,
-        stats_window_size: int = 100,
-        tensorboard_log: str | None = None,
-        verbose: int = 0,
-        seed: int | None = None,
-        device: th.device | str = "cpu",
-        _init_setup_model: bool = True,
+        training: RCNMPTraining = RCNMPTraining(),  # noqa: B008 (frozen)
+        **shared: Unpack[PopulationArguments],
     ) -> None:
-        self.n_sampled = n_sampled
-        self.elite_parents = elite_parents
-        self.latent_std = latent_std
-        self.reward_scaling: Literal["rank", "standardize"] = reward_scaling
+        self.elite_parents, self.latent_std = elite_parents, latent_std
+        self.reward_scaling: RewardScaling = reward_scaling
         self.reward_conditioning = reward_conditioning
-        self.beta = beta
-        self.training = training
-        self._plan: Plan | None = None
+        self.beta, self.training = beta, training
+        self._parents: Parents | None = None
         super().__init__(
-            policy=policy,
-            env=env,
-            n_plain=n_sampled,
-            n_crossover=n_crossover,
-            mutation=mutation,
-            mutation_decay=mutation_decay,
-            mutation_rate=mutation_rate,
-            n_explorers=n_explorers,
-            pd_controller=pd_controller,
-            initial_trajectories=initial_trajectories,
-            buffer_size=buffer_size,
-            n_elites=n_elites,
-            temperature=temperature,
+            policy,
+            env,
             learning_rate=learning_rate,
-            policy_kwargs=policy_kwargs,
-            stats_window_size=stats_window_size,
-            tensorboard_log=tensorboard_log,
-            verbose=verbose,
-            seed=seed,
-            device=device,
-            _init_setup_model=_init_setup_model,
+            population_size=population_size,
+            n_crossover=n_crossover,
+            mutation_decay=mutation_decay,
+            n_explorers=n_explorers,
+            temperature=temperature,
+            **shared,
         )
 
-    def _rules(self) -> dict[str, tuple[bool, str]]:
+    def _rules(self) -> Rules:
         return {
-            "n_sampled": (
-                self.n_sampled >= 0 and self.n_sampled + self.n_crossover > 0,
-                ">= 0, and positive without crossover",
-            ),
             "elite_parents": (0 <= self.elite_parents <= 1, "in [0, 1]"),
             "latent_std": (self.latent_std > 0, "> 0"),
             "beta": (self.beta >= 0, ">= 0"),
             "reward_scaling": (
-                self.reward_scaling in ("rank", "standardize"),
+                self.reward_scaling in get_args(RewardScaling),
                 "'rank' or 'standardize'",
             ),
         } | super()._rules()
@@ -176,24 +126,24 @@ class RCNMP(PopulationSearch):
         if not self.policy.is_scaled:  # the buffer was seeded by the user
             self._train()
         rng, n_time_points = self.rng, self.policy.trajectory_shape[0]
-        n_draws = self.n_sampled + self.n_crossover // 2
+        n_draws = self.n_plain + self.n_crossover // 2
         shape = (2, n_draws, self.policy.latent_dim)
         latents = self.latent_std * rng.standard_normal(shape).astype(np.float32)
         weights = selection_weights(self.replay_buffer.rewards, self.temperature)
         rows = rng.choice(len(weights), (2, n_draws), p=weights)
         rows[rng.uniform(size=rows.shape) >= self.elite_parents] = -1
-        rows[:, : self.n_sampled] = -1
+        rows[:, : self.n_plain] = -1
         cuts = rng.integers(1, n_time_points, n_draws)
-        cuts[: self.n_sampled] = n_time_points
-        twins = slice(self.n_sampled, None)  # the second child has the parents swapped
-        self._plan = Plan(
+        cuts[: self.n_plain] = n_time_points
+        twins = slice(self.n_plain, None)  # the second child has the parents swapped
+        self._parents = Parents(
             latents=np.concatenate([latents, latents[::-1, twins]], axis=1),
             rows=np.concatenate([rows, rows[::-1, twins]], axis=1),
             cuts=np.concatenate([cuts, cuts[twins]]),
         )
 
     def _member(self, member: int, context: NDArray[np.float32]) -> NDArray[np.float64]:
-        cut = int(cast(Plan, self._plan).cuts[member])
+        cut = int(cast(Parents, self._parents).cuts[member])
         first = self._parent(0, member, context)
         if cut == len(first):
             return first
@@ -201,11 +151,11 @@ class RCNMP(PopulationSearch):
 
     def _parent(self, which: int, member: int, context: NDArray[np.float32]) -> NDArray[np.float64]:
         """Return the first (0) or second (1) parent of a member, shape (T, D)."""
-        plan = cast(Plan, self._plan)
-        row = int(plan.rows[which, member])
+        parents = cast(Parents, self._parents)
+        row = int(parents.rows[which, member])
         if row >= 0:
             return self.replay_buffer.trajectories[row].astype(np.float64)
-        return self._decode(plan.latents[which, member], context)
+        return self._decode(parents.latents[which, member], context)
 
     def _decode(
         self, latent: NDArray[np.float32], context: NDArray[np.float32]

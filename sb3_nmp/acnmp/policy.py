@@ -7,14 +7,14 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike
 from stable_baselines3.common.type_aliases import Schedule
 
-from sb3_nmp.common.adaptive import AdaptivePolicy
-from sb3_nmp.common.cnmp import CNMP, CNMPSettings
 from sb3_nmp.common.noise import SmoothNoise
+from sb3_nmp.common.policies import ElitePolicy
+from sb3_nmp.models.cnmp import CNMP, CNMPArchitecture
 
-SAMPLE_NOISE = SmoothNoise(1.0)
+SAMPLE_NOISE = SmoothNoise()
 
 
-class ACNMPPolicy(AdaptivePolicy):
+class ACNMPPolicy(ElitePolicy):
     """Answers a context with the best trajectory seen in it, else with the CNMP's mean.
 
     A sample (``deterministic=False``) is drawn from the CNMP's Gaussian, smooth over time.
@@ -30,17 +30,17 @@ class ACNMPPolicy(AdaptivePolicy):
         observation_space: spaces.Box,
         action_space: spaces.Box,
         lr_schedule: Schedule,
-        cnmp: CNMPSettings | None = None,
+        cnmp: CNMPArchitecture | None = None,
     ) -> None:
         super().__init__(observation_space, action_space)
-        self.cnmp_settings = cnmp
+        self.architecture = cnmp
         self.cnmp = CNMP(self.context_dim, self.trajectory_shape, cnmp)
         self.optimizer = th.optim.Adam(self.cnmp.parameters(), lr_schedule(1), fused=True)
         bases = SAMPLE_NOISE.bases(self.trajectory_shape[0])
         self.sample_bases = th.as_tensor(bases, dtype=th.float32)
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
-        return super()._get_constructor_parameters() | {"cnmp": self.cnmp_settings}
+        return super()._get_constructor_parameters() | {"cnmp": self.architecture}
 
     def generalise(self, contexts: th.Tensor, deterministic: bool = True) -> th.Tensor:
         """Return the CNMP's mean, or a sample, for each context, shape (N, T, D).

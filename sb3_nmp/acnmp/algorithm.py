@@ -1,0 +1,230 @@
+"""`ACNMP`: a network learned from demonstrations, and a search where it fails (thesis ch. 5)."""
+
+from typing import Any, ClassVar, Literal, Self, Unpack, cast, get_args
+
+import numpy as np
+import torch as th
+from gymnasium import spaces
+from numpy.typing import ArrayLike, NDArray
+from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.type_aliases import GymEnv, Schedule
+from stable_baselines3.common.utils import update_learning_rate
+
+from sb3_nmp.acnmp.exploration import directions
+from sb3_nmp.acnmp.losses import advantages, policy_gradient_loss
+from sb3_nmp.acnmp.policy import ACNMPPolicy
+from sb3_nmp.acnmp.search import CriticSearch, PolicySearch, Subspace
+from sb3_nmp.acnmp.settings import ACNMPAdaptation, ACNMPCritic, ACNMPExploration
+from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
+from sb3_nmp.common.context_search import ContextSearch
+from sb3_nmp.common.demonstrations import Demonstrations
+from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.models.cnmp_training import (
+    CNMPPretraining,
+    PointSampler,
+    cosine,
+    negative_log_likelihood,
+    pretrain,
+)
+
+SearchKind = Literal["critic", "policy"]
+
+
+class ACNMP(AdaptiveAlgorithm):
+    """Adaptive conditional neural movement primitives.
+
+    The steps are those of Fig. 5.1. (I) A CNMP is trained on the demonstrations (Eq. 4.1).
+    (II-IV) It answers each context with a trajectory, which is executed. (V) Where that is not
+    satisfactory, a search begins. (VI) Rollouts explore directions that the latent space of the
+    demonstrations gives, beside smooth noise that is shaped like them (`ACNMPExploration`). (VII)
+    The network is trained on these rollouts by policy gradient (Eq. 5.2) and on the demonstrations
+    by likelihood (Eq. 4.1) in alternating steps. (VIII) A solved context is assimilated: its
+    trajectory joins the demonstrations.
+
+    Where this departs from the thesis: a generation has ``population_size`` rollouts instead of
+    two, and by default a critic chooses them by all earlier rollouts in the context instead of
+    drawing them around the policy's mean (``search="policy"``). This is Bayesian optimisation
+    around the network's answer (`sb3_nmp.acnmp.search.CriticSearch`). What each part brings is
+    measured in ``results/experiments/acnmp.md``.
+
+    With the critic the policy gradient changes no number today: a learning rate of 0 gives the same
+    rewards and greedy answers, bit for bit, on push, pick-and-place and pouring. The critic reads
+    the reward's terms (``info["reward_<term>"]``) where the environment tells them.
+
+    >>> import benchmark_envs
+    >>> from sb3_nmp import ACNMP, CNMPPretraining, Demonstrations
+    >>> shown = Demonstrations.from_task("nmp/Bottles-v0", 3, seed=0)
+    >>> quick = CNMPPretraining(n_steps=20)
+    >>> model = ACNMP("MlpPolicy", "nmp/Bottles-v0", demonstrations=shown, pretraining=quick)
+    >>> model.learn(6).predict(shown.contexts[0], deterministic=True)[0].shape
+    (200, 2)
+
+    :param learning_rate: of Adam after the pre-training, or a schedule of it; after each
+        generation it starts there and falls to a hundredth along a cosine
+    :param search: what chooses a search's rollouts: ``"critic"``, a Gaussian process, or
+        ``"policy"``, draws around the policy's answer as in the thesis
+    :param exploration: directions and scales of exploration
+    :param critic: settings of the critic; without effect on ``search="policy"``
+    :param adaptation: how the network is trained after each generation. The advantage ``"place"``
+        is by all rollouts in the context with a critic, and by the last generation without
+    :param pretraining: length and batches of the training on demonstrations
+    """
+
+    policy: ACNMPPolicy
+    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MlpPolicy": ACNMPPolicy}
+    rehearses: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        policy: str | type[ACNMPPolicy],
+        env: GymEnv | str,
+        *,
+        learning_rate: float | Schedule = 1e-3,
+        population_size: int = 3,
+        max_generations: int = 20,
+        search: SearchKind = "critic",
+        exploration: ACNMPExploration = ACNMPExploration(),  # noqa: B008 (frozen)
+        critic: ACNMPCritic = ACNMPCritic(),  # noqa: B008 (frozen)
+        adaptation: ACNMPAdaptation = ACNMPAdaptation(),  # noqa: B008 (frozen)
+        pretraining: CNMPPretraining = CNMPPretraining(),  # noqa: B008 (frozen)
+        **shared: Unpack[AdaptiveArguments],
+    ) -> None:
+        if search not in get_args(SearchKind):
+            raise ConfigurationError(f"no search '{search}'; there are 'critic' and 'policy'.")
+        self.search: SearchKind = search
+        self.exploration, self.critic = exploration, critic
+        self.adaptation, self.pretraining = adaptation, pretraining
+        self.is_pretrained = False
+        super().__init__(
+            policy,
+            env,
+            learning_rate=learning_rate,
+            population_size=population_size,
+            max_generations=max_generations,
+            **shared,
+        )
+
+    # -- learning from demonstration (I) -------------------------------------------------------
+
+    def pretrain(self) -> Self:
+        """Train the CNMP on the demonstrations (Eq. 4.1); `learn` does so first by itself.
+
+        :raises ConfigurationError: the model was loaded without its demonstrations
+        """
+        self.check_can_go_on()
+        pretrain(self.training_set(), self.pretraining, self.rng, self.policy.cnmp)
+        self.is_pretrained = True
+        return self
+
+    def _setup_learn(self, *args: Any, **kwargs: Any) -> tuple[int, Any]:  # noqa: ANN401
+        if not self.is_pretrained:
+            self.pretrain()  # first, so that callbacks find a policy that can answer
+        return super()._setup_learn(*args, **kwargs)
+
+    def predict(
+        self,
+        observation: NDArray[Any] | dict[str, NDArray[Any]],
+        state: tuple[NDArray[Any], ...] | None = None,
+        episode_start: NDArray[Any] | None = None,
+        deterministic: bool = False,
+        via_points: tuple[ArrayLike, ArrayLike] | None = None,
+    ) -> tuple[NDArray[Any], tuple[NDArray[Any], ...] | None]:
+        """Return a trajectory for a context, or for each of several; see SB3.
+
+        :param observation: context of shape (C,), or (N, C)
+        :param state: unused
+        :param episode_start: unused
+        :param deterministic: the greedy trajectory instead of a sample
+        :param via_points: conditioning points that the trajectory is to pass: times in [0, 1],
+            shape (O,), and values in the trajectory's unit, shape (O, D)
+        :return: shape (T, D), or (N, T, D); and ``state``
+        :raises InvalidDataError: via-points of a wrong shape, or times outside [0, 1]
+        """
+        if via_points is None:
+            return super().predict(observation, state, episode_start, deterministic)
+        contexts, vectorized = self.policy.obs_to_tensor(observation)
+        space = cast(spaces.Box, self.action_space)
+        with th.no_grad():
+            passing = self.policy.through(cast(th.Tensor, contexts), via_points, deterministic)
+        trajectories = np.clip(passing.cpu().numpy(), space.low, space.high)
+        return (trajectories if vectorized else trajectories[0]), state
+
+    # -- the search (VI) -----------------------------------------------------------------------
+
+    def _new_search(self, context: NDArray[np.float32]) -> CriticSearch | PolicySearch:
+        cnmp = self.policy.cnmp
+        row = context.astype(np.float64)
+        shown = cast(Demonstrations, self.demonstrations)
+        along = directions(self.exploration, self.first_scale(), cnmp, shown, row)
+        space = Subspace(cnmp.trajectories(row[None])[0], along)
+        if self.search == "policy":
+            return PolicySearch(space, self.exploration.radius)
+        return CriticSearch(space, self.exploration.radius, self.critic)
+
+    # -- simultaneous training (VII, VIII) -----------------------------------------------------
+
+    def _adapt(self, searched: list[ContextSearch], solved: list[ContextSearch]) -> None:
+        policy, settings = self.policy, self.adaptation
+        policy.train()
+        n_steps = settings.n_training_steps + (settings.n_assimilation_steps if solved else 0)
+        sampler = self._sampler()
+        tried = self._tried(searched) if settings.n_training_steps else []
+        highest = self.lr_schedule(self._current_progress_remaining)
+        for step, batch in enumerate(sampler.draw(n_steps)):
+            update_learning_rate(policy.optimizer, cosine(highest, step / n_steps))
+            losses = []
+            if settings.supervised:
+                losses.append(negative_log_likelihood(policy.cnmp.network, batch))
+            if step < settings.n_training_steps:
+                losses.append(self._policy_gradient_loss(searched, tried))
+            for loss in losses:
+                policy.optimizer.zero_grad()
+                loss.backward()
+                policy.optimizer.step()
+        policy.train(False)
+        for each in self.searches:
+            if isinstance(each.search, PolicySearch):
+                each.search.follow(policy.cnmp.trajectories(each.context[None])[0])
+
+    def _sampler(self) -> PointSampler:
+        cnmp, known = self.policy.cnmp, self.training_set()
+        return PointSampler(
+            self.pretraining,
+            cnmp.times,
+            cnmp.normalise(cnmp.times.new_tensor(known.trajectories)),
+            cnmp.condition(cnmp.times.new_tensor(known.contexts)),
+            self.rng,
+        )
+
+    def _tried(self, searched: list[ContextSearch]) -> list[tuple[th.Tensor, th.Tensor]]:
+        """Return each context's normalised trajectories (N, T, D) and their advantages (N, T)."""
+        cnmp, pairs = self.policy.cnmp, []
+        for each in searched:
+            rollouts = self._learned_from(cast(CriticSearch | PolicySearch, each.search))
+            trajectories = cnmp.normalise(cnmp.times.new_tensor(rollouts.trajectories))
+            weights = cnmp.times.new_tensor(advantages(self.adaptation.advantage, rollouts))
+            pairs.append((trajectories, weights))
+        return pairs
+
+    def _policy_gradient_loss(
+        self, searched: list[ContextSearch], tried: list[tuple[th.Tensor, th.Tensor]]
+    ) -> th.Tensor:
+        """Return Eq. 5.2's loss over the contexts that are searched."""
+        cnmp = self.policy.cnmp
+        contexts = cnmp.times.new_tensor(np.stack([each.context for each in searched]))
+        condition = cnmp.condition(contexts)
+        means = cnmp.network.decode(cnmp.times, cnmp.representation(condition), condition).mean
+        loss = means.new_zeros(())
+        for mean, (trajectories, weights) in zip(means, tried, strict=True):
+            loss = loss + policy_gradient_loss(mean, trajectories, weights)
+        return loss / len(searched)
+
+    def _learned_from(self, search: CriticSearch | PolicySearch) -> Generation:
+        """Return the rollouts of the policy gradient: all of them if a critic chose them."""
+        if isinstance(search, CriticSearch) and self.adaptation.advantage == "place":
+            return Generation.concatenate(search.rollouts)
+        return search.rollouts[-1]
+
+    def _get_torch_save_params(self) -> tuple[list[str], list[str]]:
+        return ["policy", "policy.optimizer"], []

@@ -1,0 +1,132 @@
+"""The arguments that all constructors share, and how a class shows those that it passes on.
+
+A constructor names what is its own, which its class describes, and passes on the rest as
+``**shared: Unpack[SharedArguments]``. `complete` then gives the class the whole signature and the
+whole docstring, so that ``help`` and ``inspect.signature`` show every argument with its default and
+its description. `check_names` refuses what is not among them.
+"""
+
+import inspect
+import re
+from difflib import get_close_matches
+from typing import Any, TypedDict, get_args
+
+import torch as th
+
+from sb3_nmp.common.demonstrations import Demonstrations
+from sb3_nmp.common.exceptions import UnknownArgumentError
+
+
+class SB3Arguments(TypedDict, total=False):
+    """Those that SB3 gives a meaning and a default.
+
+    :param policy_kwargs: further arguments of the policy
+    :param stats_window_size: rollouts over which the logged success rate and reward are averaged
+    :param tensorboard_log: folder for TensorBoard; None switches it off
+    :param verbose: 0 nothing, 1 the log table, 2 debug messages
+    :param seed: of Python, NumPy, PyTorch, the environment and the algorithm's own generator; equal
+        seeds give equal runs, bit for bit
+    """
+
+    policy_kwargs: dict[str, Any] | None
+    stats_window_size: int
+    tensorboard_log: str | None
+    verbose: int
+    seed: int | None
+
+
+class SharedArguments(SB3Arguments, total=False):
+    """Those that every algorithm has; `TrajectoryAlgorithm` describes them."""
+
+    demonstrations: Demonstrations | None
+    exploration_scale: float | tuple[float, ...] | None
+    device: th.device | str
+    _init_setup_model: bool
+
+
+#: they stand last in a signature
+FROM_SB3 = (*SB3Arguments.__annotations__, "device", "_init_setup_model")
+
+
+def complete(cls: type) -> None:
+    """Give a class its whole signature and docstring.
+
+    The constructor's ``**shared: Unpack[...]`` stands for arguments of its base class, which gives
+    their defaults. An argument that the class does not describe is described as the base class
+    or, of those of SB3, `SB3Arguments` does.
+
+    :param cls: whose bases are complete
+    """
+    passed_on = _passed_on(cls)
+    cls.__signature__ = _whole_signature(cls, passed_on)  # pyright: ignore
+    if "__doc__" in cls.__dict__ and cls.__doc__:
+        sources = [cls.__doc__, passed_on.__doc__ if passed_on else None, cls.__mro__[1].__doc__]
+        cls.__doc__ = _whole_docstring(sources, list(inspect.signature(cls).parameters))
+
+
+def check_names(cls: type, given: dict[str, Any]) -> None:
+    """Raise unless a class has all the arguments that it is given.
+
+    :param cls: a complete class
+    :param given: the keyword arguments
+    :raises UnknownArgumentError: it has none of that name
+    """
+    parameters = inspect.signature(cls).parameters
+    if any(each.kind is each.VAR_KEYWORD for each in parameters.values()):
+        return
+    unknown = [name for name in given if name not in parameters]
+    if unknown:
+        near = get_close_matches(unknown[0], parameters, 1)
+        raise UnknownArgumentError(
+            f"{cls.__name__} has no argument '{unknown[0]}'"
+            + (f"; did you mean '{near[0]}'?" if near else ".")
+            + f" It has {', '.join(name for name in parameters if name[0] != '_')}."
+        )
+
+
+def _passed_on(cls: type) -> type | None:
+    """Return the typed dictionary of the constructor's ``**shared``; None where it has none."""
+    init = cls.__dict__.get("__init__")
+    for parameter in inspect.signature(init).parameters.values() if init else ():
+        if parameter.kind is parameter.VAR_KEYWORD and get_args(parameter.annotation):
+            return get_args(parameter.annotation)[0]
+    return None
+
+
+def _whole_signature(cls: type, passed_on: type | None) -> inspect.Signature:
+    inherited = inspect.signature(cls.__mro__[1])
+    if "__init__" not in cls.__dict__:
+        return inherited
+    own = list(inspect.signature(cls.__dict__["__init__"]).parameters.values())[1:]
+    if passed_on is None:
+        return inspect.Signature(own)
+    shared = [
+        inspect.Parameter(
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=inherited.parameters[name].default,
+            annotation=annotation,
+        )
+        for name, annotation in sorted(
+            passed_on.__annotations__.items(), key=lambda item: item[0] in FROM_SB3
+        )
+    ]
+    named = [each for each in own if each.kind is not each.VAR_KEYWORD]
+    return inspect.Signature([*named, *shared])
+
+
+def _whole_docstring(sources: list[str | None], names: list[str]) -> str:
+    """Return the first docstring with a ``:param`` field for every name that a source describes."""
+    text, *_ = re.split(r"^:", inspect.cleandoc(sources[0] or ""), maxsplit=1, flags=re.M)
+    fields: dict[str, str] = {}
+    for source in reversed(sources):
+        fields |= _fields(source)
+    shown = [fields[key] for key in (f"param {name}" for name in names) if key in fields]
+    others = [field for key, field in fields.items() if not key.startswith("param ")]
+    return "\n".join([text.rstrip(), "", *shown, *others]) + "\n"
+
+
+def _fields(docstring: str | None) -> dict[str, str]:
+    """Return the Sphinx fields of a docstring by ``"param x"`` or ``"raises X"``."""
+    found = re.findall(r"^:([^:]+):(.*(?:\n +.*)*)", inspect.cleandoc(docstring or ""), re.M)
+    return {name: f":{name}:{text}" for name, text in found}

@@ -1,0 +1,110 @@
+"""The search for a trajectory in one context: what it must offer, and how far it has come.
+
+Shape letters: n trajectories, T time points, D dimensions, C context.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_nmp.common.rollouts import Generation
+
+FloatArray = NDArray[np.float64]
+
+
+class Search(Protocol):
+    """The search for a trajectory in one context; it is saved with the model."""
+
+    def ask(self, n: int, rng: np.random.Generator) -> FloatArray:
+        """Return n trajectories to try, shape (n, T, D); a new search's first one is greedy."""
+        ...
+
+    def tell(self, rollouts: Generation) -> None:
+        """Learn from rollouts in the search's context, whoever proposed them."""
+        ...
+
+
+@dataclass
+class ContextSearch:
+    """A context that is searched, because the policy did not satisfy there or it is pinned.
+
+    :param context: shape (C,)
+    :param search: the search in it
+    :param n_generations: searched so far
+    :param solution: the best successful trajectory, shape (T, D); None before there is one
+    :param reward: of the solution
+    """
+
+    context: NDArray[np.float32]
+    search: Search
+    n_generations: int = 0
+    solution: NDArray[np.float32] | None = None
+    reward: float = -np.inf
+
+    def take(self, rollouts: Generation) -> bool:
+        """Tell the search about rollouts, and keep the best successful one.
+
+        :param rollouts: made in this context
+        :return: whether one of them is a better solution than the one before
+        """
+        self.search.tell(rollouts)
+        rewards = np.where(rollouts.successes, rollouts.rewards, -np.inf)
+        best = int(rewards.argmax())
+        if not rewards[best] > self.reward:
+            return False
+        self.solution, self.reward = rollouts.trajectories[best], float(rewards[best])
+        return True
+
+    def is_over(self, least_reward: float, max_generations: int) -> bool:
+        """Tell whether a search among drawn contexts ends.
+
+        :param least_reward: of the solution
+        :param max_generations: after so many it ends without one
+        """
+        solved = self.solution is not None and self.reward >= least_reward
+        return solved or self.n_generations >= max_generations
+
+
+@dataclass(frozen=True)
+class Proposals:
+    """What the G members of a generation execute.
+
+    :param contexts: shape (G, C)
+    :param trajectories: shape (G, T, D)
+    :param searches: index of the search that proposed each member; -1 is the greedy trajectory in
+        a context that is not searched, shape (G,)
+    """
+
+    contexts: NDArray[np.float32]
+    trajectories: FloatArray
+    searches: NDArray[np.int_]
+
+
+def ask_all(searches: list[ContextSearch], n: int, rng: np.random.Generator) -> Proposals:
+    """Return the proposals of all searches, n of each.
+
+    :param searches: at least one
+    :param n: trajectories per search
+    :param rng: the generator to draw from
+    """
+    return Proposals(
+        np.repeat(np.stack([each.context for each in searches]), n, axis=0),
+        np.concatenate([each.search.ask(n, rng) for each in searches]),
+        np.repeat(np.arange(len(searches)), n),
+    )
+
+
+def thresholds(given: float | tuple[float, float] | None) -> tuple[float, float]:
+    """Return the least rewards with which no search begins, and with which one ends.
+
+    >>> thresholds(None), thresholds(-0.1), thresholds((-0.1, -0.05))
+    ((-inf, -inf), (-0.1, -0.1), (-0.1, -0.05))
+
+    :param given: both of them, a single one for both, or None
+    """
+    if given is None:
+        return -np.inf, -np.inf
+    begin, end = given if isinstance(given, tuple | list) else (given, given)
+    return float(begin), float(end)

@@ -1,0 +1,109 @@
+"""What an algorithm asks of an environment, and the messages for one that does not fit."""
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+
+from sb3_nmp.common.exceptions import ConfigurationError
+
+FloatArray = NDArray[np.float64]
+#: a standard deviation in the trajectory's unit: one value, or one per dimension
+Scale = float | tuple[float, ...]
+
+
+def check_env_id(env_id: str) -> None:
+    """Raise a helpful error for an environment id that Gymnasium does not know.
+
+    :param env_id: such as ``"nmp/Bottles-v0"`` or ``"module:id"``
+    :raises ConfigurationError: it is not registered
+    """
+    if ":" in env_id or env_id in gym.registry:
+        return
+    known = sorted(key for key in gym.registry if key.startswith("nmp/"))
+    raise ConfigurationError(
+        f"no environment '{env_id}' is registered with Gymnasium. "
+        + (
+            f"There are: {', '.join(known)}, besides Gymnasium's own."
+            if known
+            else "The nmp/* tasks are registered by 'import benchmark_envs'."
+        )
+    )
+
+
+def check_spaces(action: gym.Space, observation: gym.Space, algorithm: str) -> None:
+    """Raise unless the spaces are those of a trajectory bandit.
+
+    :param action: must have shape (T, D)
+    :param observation: must be a box of shape (C,)
+    :param algorithm: its name, for the message
+    :raises ConfigurationError: they are not
+    """
+    if len(action.shape or ()) != 2:
+        raise ConfigurationError(
+            f"the action space has shape {action.shape}; {algorithm} answers with "
+            "whole trajectories and needs (T, D): T time points, D dimensions."
+        )
+    if not isinstance(observation, spaces.Box) or len(observation.shape) != 1:
+        raise ConfigurationError(
+            f"the observation space is {observation}; {algorithm} needs a Box of "
+            "shape (C,): the context."
+        )
+
+
+def check_multiple(name: str, value: int, n_envs: int) -> None:
+    """Raise unless a number of rollouts can be shared out among the environments.
+
+    :param name: of the argument
+    :param value: the number
+    :param n_envs: of parallel environments
+    :raises ConfigurationError: it is not a positive multiple of them
+    """
+    if value < 1 or value % n_envs:
+        raise ConfigurationError(
+            f"{name} of {value} does not fit {n_envs} parallel environments: it must be a positive "
+            f"multiple of {n_envs}. Change it or n_envs."
+        )
+
+
+def check_scale(name: str, scale: Scale, n_dimensions: int) -> None:
+    """Raise unless a standard deviation fits a trajectory.
+
+    :param name: of the argument
+    :param scale: one value or one per dimension
+    :param n_dimensions: D
+    :raises ConfigurationError: it does not
+    """
+    values = np.atleast_1d(scale)
+    if values.shape not in ((1,), (n_dimensions,)) or not np.all((values > 0) & (values < np.inf)):
+        raise ConfigurationError(
+            f"{name} is {scale}; it must be one finite number > 0, or a tuple of {n_dimensions}: "
+            "one per dimension of the trajectory."
+        )
+
+
+def initial_trajectory(env: VecEnv, space: spaces.Box) -> FloatArray:
+    """Return the environment's naive trajectory for its current context, shape (T, D).
+
+    :param env: read by its method ``initial_trajectory``; without one, the trajectory rests in the
+        middle of the action space
+    :param space: of the actions
+    """
+    try:
+        return np.asarray(env.env_method("initial_trajectory", indices=[0])[0], np.float64)
+    except AttributeError:
+        return (space.low.astype(np.float64) + space.high) / 2
+
+
+def exploration_scale(env: VecEnv, space: spaces.Box) -> FloatArray:
+    """Return the standard deviation at which a search may begin, shape (D,).
+
+    :param env: read by its attribute ``exploration_scale``; without one, the scale is a tenth of
+        the action space's range
+    :param space: of the actions
+    """
+    try:
+        return np.asarray(env.get_attr("exploration_scale", indices=[0])[0], np.float64)
+    except AttributeError:
+        return (space.high.astype(np.float64) - space.low).mean(axis=0) / 10

@@ -1,0 +1,123 @@
+"""`Generation`: what came of the rollouts of a generation, read from the environments' infos.
+
+The keys of `RolloutInfo` are all that the algorithms read from an ``info`` dictionary. Every one of
+them may be missing. Shape letters: N rollouts, T time points, D dimensions, C context.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, TypedDict, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+IS_SUCCESS = "is_success"
+STEP_REWARDS = "step_rewards"
+#: each term of the reward stands under this prefix and its name, as in ``"reward_goal"``
+TERM_PREFIX = "reward_"
+
+
+class RolloutInfo(TypedDict, total=False):
+    """The keys of ``info`` that algorithms read, besides ``reward_<term>``: a float for each term.
+
+    The terms add up to the reward. An environment gives the same terms in every episode.
+
+    :param is_success: whether the rollout solved the task; False where it is missing
+    :param step_rewards: the summands of the reward over time, shape (T,)
+    """
+
+    is_success: bool
+    step_rewards: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Generation:
+    """The N rollouts of a generation, in the order of its members.
+
+    >>> tried = np.zeros((2, 5, 1), np.float32)
+    >>> infos = [
+    ...     {"is_success": False, "reward_end": -2.0},
+    ...     {"is_success": True, "reward_end": -0.1},
+    ... ]
+    >>> done = Generation.from_step(np.zeros((2, 3)), tried, np.array([-2.0, -0.1]), infos)
+    >>> len(done), done.successes.tolist(), done.terms["end"].tolist(), done.step_rewards
+    (2, [False, True], [-2.0, -0.1], None)
+
+    :param contexts: shape (N, C)
+    :param trajectories: as they were sent to the environment, shape (N, T, D)
+    :param rewards: shape (N,)
+    :param successes: the info's ``is_success``, False where it has none, shape (N,)
+    :param terms: the reward's terms, from the info's ``reward_<name>``, each of shape (N,)
+    :param step_rewards: the info's ``step_rewards``, shape (N, T); None where it has none
+    """
+
+    contexts: NDArray[np.float32]
+    trajectories: NDArray[np.float32]
+    rewards: NDArray[np.float64]
+    successes: NDArray[np.bool_]
+    terms: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    step_rewards: NDArray[np.float64] | None = None
+
+    def __len__(self) -> int:
+        """Return the number of rollouts, N."""
+        return len(self.rewards)
+
+    @classmethod
+    def from_step(
+        cls,
+        contexts: NDArray[np.floating],
+        trajectories: NDArray[np.float32],
+        rewards: NDArray[np.floating],
+        infos: list[dict[str, Any]],
+    ) -> "Generation":
+        """Gather what one step of the environments gave.
+
+        :param contexts: shape (N, C)
+        :param trajectories: shape (N, T, D)
+        :param rewards: shape (N,)
+        :param infos: one for each environment, see `RolloutInfo`
+        """
+        keys = [key for key in infos[0] if key.startswith(TERM_PREFIX)]
+        steps = [info.get(STEP_REWARDS) for info in infos]
+        return cls(
+            cast(NDArray[np.float32], contexts),
+            trajectories,
+            np.asarray(rewards, np.float64),
+            np.array([bool(info.get(IS_SUCCESS, False)) for info in infos]),
+            {
+                key.removeprefix(TERM_PREFIX): np.array([info[key] for info in infos], np.float64)
+                for key in keys
+            },
+            None if any(step is None for step in steps) else np.array(steps, np.float64),
+        )
+
+    @classmethod
+    def concatenate(cls, parts: list["Generation"]) -> "Generation":
+        """Join parts in their order.
+
+        :param parts: at least one
+        """
+        steps = [part.step_rewards for part in parts]
+        return cls(
+            np.concatenate([part.contexts for part in parts]),
+            np.concatenate([part.trajectories for part in parts]),
+            np.concatenate([part.rewards for part in parts]),
+            np.concatenate([part.successes for part in parts]),
+            {name: np.concatenate([part.terms[name] for part in parts]) for name in parts[0].terms},
+            None
+            if any(step is None for step in steps)
+            else np.concatenate(cast(list[NDArray[np.float64]], steps)),
+        )
+
+    def __getitem__(self, rows: slice | NDArray[Any]) -> "Generation":
+        """Return some of the rollouts.
+
+        :param rows: a slice, or an array of indices or booleans
+        """
+        return Generation(
+            self.contexts[rows],
+            self.trajectories[rows],
+            self.rewards[rows],
+            self.successes[rows],
+            {name: term[rows] for name, term in self.terms.items()},
+            None if self.step_rewards is None else self.step_rewards[rows],
+        )

@@ -1,0 +1,72 @@
+"""Names under which classes stand in files, and settings that can be had by a preset's name.
+
+A file that held ``module:Class`` could not be read after the class has moved. So every settings
+class has a name that stays, written beside it: ``@settings_name("smooth-noise")``.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Self, TypeVar
+
+from sb3_nmp.common.exceptions import ConfigurationError
+
+Class = TypeVar("Class", bound=type)
+
+_NAMES: dict[type, str] = {}
+
+
+def settings_name(name: str) -> Callable[[Class], Class]:
+    """Return a decorator that registers a class under a name that stays.
+
+    :param name: lower case, such as ``"smooth-noise"``
+    :raises ConfigurationError: another class has this name
+    """
+
+    def register(cls: Class) -> Class:
+        taken = next((one for one, known in _NAMES.items() if known == name), None)
+        if taken is not None and taken.__qualname__ != cls.__qualname__:
+            raise ConfigurationError(
+                f"the settings name '{name}' belongs to {taken.__qualname__}; give "
+                f"{cls.__qualname__} another one."
+            )
+        _NAMES[cls] = name
+        return cls
+
+    return register
+
+
+def stable_name(cls: type) -> str:
+    """Return the name under which a class stands in files.
+
+    >>> from sb3_nmp import SmoothNoise
+    >>> stable_name(SmoothNoise)
+    'smooth-noise'
+
+    :param cls: a registered class
+    :raises ConfigurationError: it is not registered
+    """
+    if cls not in _NAMES:
+        raise ConfigurationError(
+            f"{cls.__qualname__} has no name for files: decorate it with "
+            "@settings_name('a-name-that-stays') of sb3_nmp.common.settings, as those of "
+            f"{', '.join(sorted(_NAMES.values()))} are."
+        )
+    return _NAMES[cls]
+
+
+class Presets:
+    """Base of the settings that can be had by name."""
+
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+
+    @classmethod
+    def preset(cls, name: str) -> Self:
+        """Return the settings of a name.
+
+        :param name: one of ``presets``
+        :raises ConfigurationError: there are none of that name
+        """
+        if name not in cls.presets:
+            raise ConfigurationError(
+                f"{cls.__name__} has no preset '{name}'; it has {', '.join(cls.presets)}."
+            )
+        return cls(**cls.presets[name])

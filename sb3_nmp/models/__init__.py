@@ -1,0 +1,1 @@
+"""The networks: neural processes over trajectories, and how a CNMP learns demonstrations."""

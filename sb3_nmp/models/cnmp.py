@@ -1,0 +1,272 @@
+"""`CNMP`: conditional neural movement primitives (thesis 4.3).
+
+Shape letters: N demonstrations, B batch, T time points, D dimensions of the trajectory, C context,
+K condition, O conditioning points, Z representation.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import torch as th
+from numpy.typing import ArrayLike, NDArray
+from torch import nn
+from torch.distributions import Normal
+
+from sb3_nmp.common.demonstrations import Demonstrations
+from sb3_nmp.common.exceptions import InvalidDataError
+from sb3_nmp.common.settings import Presets, settings_name
+from sb3_nmp.models.networks import LinearPlus, TimeFeatures, TrajectoryDecoder, mlp
+
+
+@settings_name("cnmp-architecture")
+@dataclass(frozen=True)
+class CNMPArchitecture(Presets):
+    """Architecture of a CNMP.
+
+    ``CNMPArchitecture.preset("stream")`` gives the context to the decoder too, which pays where
+    hundreds of contexts are learned.
+
+    >>> from sb3_nmp import CNMPArchitecture
+    >>> CNMPArchitecture.preset("stream").context_in_decoder
+    True
+
+    :param representation_dim: Z
+    :param encoder_arch: hidden layers of the encoder
+    :param context_arch: hidden layers from the context to the representation
+    :param decoder_arch: hidden layers of the decoder
+    :param context_in_decoder: give the context to the decoder too, as the thesis does
+    :param linear_trend: whether the mean has a trend that is linear in the decoder's inputs
+    :param n_frequencies: of the time features; 0 feeds time as it is, as the thesis does
+    :param min_std: smallest standard deviation of the output, in units of the demonstrations'
+        own; without it, Eq. 4.1 has no bound once the demonstrations are met exactly
+    :param activation_fn: between the layers
+    """
+
+    representation_dim: int = 16
+    encoder_arch: tuple[int, ...] = (128, 128)
+    context_arch: tuple[int, ...] = (64,)
+    decoder_arch: tuple[int, ...] = (128, 128)
+    context_in_decoder: bool = False
+    linear_trend: bool = True
+    n_frequencies: int = 8
+    min_std: float = 0.02
+    activation_fn: type[nn.Module] = nn.ReLU
+
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"stream": {"context_in_decoder": True}}
+
+
+class ConditionalNeuralProcess(nn.Module):
+    """Encoder from conditioning points to a representation, decoder from it to a Gaussian.
+
+    After Garnelo et al., "Conditional neural processes", 2018; thesis 4.1 and 4.3, Fig. 4.1 and
+    4.3. The points' representations, each encoded together with the task parameters, are averaged.
+    Without a conditioning point, the representation comes from the task parameters alone, by a
+    network of its own. The thesis gives the task parameters to the decoder too. By default, here
+    they reach it through the representation alone, which therefore has to hold all that tells
+    trajectories apart: moving in it moves between demonstrated skills.
+
+    :param value_dim: D
+    :param condition_dim: K, the task parameters
+    :param architecture: sizes and kinds of its layers
+    """
+
+    def __init__(self, value_dim: int, condition_dim: int, architecture: CNMPArchitecture) -> None:
+        super().__init__()
+        a, code = architecture, architecture.representation_dim
+        self.representation_dim, self.min_std = code, a.min_std
+        self.condition_in_decoder = a.context_in_decoder
+        self.features = TimeFeatures(a.n_frequencies)
+        encoder_inputs = self.features.n_features + value_dim + condition_dim
+        self.encoder = mlp([encoder_inputs, *a.encoder_arch, code], a.activation_fn)
+        self.from_condition = LinearPlus([condition_dim, *a.context_arch, code], a.activation_fn)
+        self.decoder = TrajectoryDecoder(
+            a.n_frequencies,
+            code + (condition_dim if a.context_in_decoder else 0),
+            list(a.decoder_arch),
+            2 * value_dim,
+            a.activation_fn,
+            value_dim if a.linear_trend else 0,
+        )
+
+    def encode(
+        self, times: th.Tensor, values: th.Tensor, condition: th.Tensor, seen: th.Tensor
+    ) -> th.Tensor:
+        """Return the representation r, shape (B, Z): the mean over the points that are seen.
+
+        Where none is seen, it is the condition's.
+
+        :param times: of the conditioning points, shape (B, O)
+        :param values: at those times, shape (B, O, D)
+        :param condition: shape (B, K)
+        :param seen: 1 for the points that count and 0 for the others, shape (B, O)
+        """
+        repeated = condition[:, None].expand(-1, times.shape[1], -1)
+        points = self.encoder(th.cat([self.features(times), values, repeated], dim=-1))
+        n_seen = seen.sum(dim=1, keepdim=True)
+        mean = (points * seen[..., None]).sum(dim=1) / n_seen.clamp(min=1.0)
+        return th.where(n_seen > 0, mean, self.from_condition(condition))
+
+    def decode(self, times: th.Tensor, representation: th.Tensor, condition: th.Tensor) -> Normal:
+        """Return p(x_t | r, t) at every target time, batch shape (B, T, D).
+
+        :param times: target times, shape (T,) or (B, T)
+        :param representation: r, shape (B, Z)
+        :param condition: shape (B, K); without effect unless ``condition_in_decoder``
+        """
+        constant = (
+            th.cat([representation, condition], dim=-1)
+            if self.condition_in_decoder
+            else representation
+        )
+        mean, raw = self.decoder(times, constant).chunk(2, dim=-1)
+        return Normal(mean, nn.functional.softplus(raw) + self.min_std, validate_args=False)
+
+
+class CNMP(nn.Module):
+    """A conditional neural process over trajectories, with its own scaling of data.
+
+    Seker, Imre, Piater and Ugur, "Conditional neural movement primitives", 2019.
+
+    >>> cnmp = CNMP(context_dim=2, trajectory_shape=(50, 3))
+    >>> cnmp.trajectories([[0.1, 0.2]]).shape
+    (1, 50, 3)
+    >>> cnmp.trajectories([[0.1, 0.2]], points=([0.5], [[0.0, 1.0, 0.0]])).shape  # a via-point
+    (1, 50, 3)
+
+    :param context_dim: C
+    :param trajectory_shape: (T, D)
+    :param architecture: sizes and kinds of its layers
+    """
+
+    times: th.Tensor
+    context_mean: th.Tensor
+    context_std: th.Tensor
+    value_mean: th.Tensor
+    value_std: th.Tensor
+
+    def __init__(
+        self,
+        context_dim: int,
+        trajectory_shape: tuple[int, int],
+        architecture: CNMPArchitecture | None = None,
+    ) -> None:
+        super().__init__()
+        architecture = architecture or CNMPArchitecture()
+        n_time_points, n_dimensions = trajectory_shape
+        self.network = ConditionalNeuralProcess(n_dimensions, context_dim, architecture)
+        self.register_buffer("times", th.linspace(0.0, 1.0, n_time_points))
+        self.register_buffer("context_mean", th.zeros(context_dim))
+        self.register_buffer("context_std", th.ones(context_dim))
+        self.register_buffer("value_mean", th.zeros(n_dimensions))
+        self.register_buffer("value_std", th.ones(n_dimensions))
+
+    def set_scale(self, demonstrations: Demonstrations) -> None:
+        """Take mean and standard deviation of contexts and values from demonstrations.
+
+        :param demonstrations: those that the network will be trained on
+        """
+        for name, values in (
+            ("context", demonstrations.contexts),
+            ("value", demonstrations.trajectories.reshape(-1, self.value_mean.shape[0])),
+        ):
+            mean, std = values.mean(axis=0), values.std(axis=0)
+            std = np.where(std < 1e-6, 1.0, std)
+            for part, value in (("mean", mean), ("std", std)):
+                buffer = getattr(self, f"{name}_{part}")
+                buffer.copy_(th.as_tensor(value, dtype=th.float32))
+
+    def condition(self, contexts: th.Tensor) -> th.Tensor:
+        """Return contexts as the network sees them, shape (B, C).
+
+        :param contexts: shape (B, C)
+        """
+        return (contexts.to(self.times.dtype) - self.context_mean) / self.context_std
+
+    def normalise(self, values: th.Tensor) -> th.Tensor:
+        """Return trajectory values as the network sees them.
+
+        :param values: shape (*, D)
+        """
+        return (values - self.value_mean) / self.value_std
+
+    def representation(
+        self, condition: th.Tensor, points: tuple[th.Tensor, th.Tensor] | None = None
+    ) -> th.Tensor:
+        """Return the representation of conditioning points, or of contexts alone, shape (B, Z).
+
+        :param condition: shape (B, C), as `condition` returns it
+        :param points: times in [0, 1], shape (O,), and values in the trajectory's unit, shape
+            (O, D); None: no points
+        """
+        if points is None:
+            return self.network.from_condition(condition)
+        times, values = points
+        shape = (len(condition), len(times))
+        return self.network.encode(
+            times.expand(shape),
+            self.normalise(values).expand(*shape, -1),
+            condition,
+            th.ones(shape, device=condition.device),
+        )
+
+    @th.no_grad()
+    def encode_whole(self, demonstrations: Demonstrations) -> th.Tensor:
+        """Return the representation of whole trajectories, shape (N, Z).
+
+        :param demonstrations: contexts and trajectories
+        """
+        shape = (len(demonstrations), len(self.times))
+        return self.network.encode(
+            self.times.expand(shape),
+            self.normalise(self.times.new_tensor(demonstrations.trajectories)),
+            self.condition(self.times.new_tensor(demonstrations.contexts)),
+            self.times.new_ones(shape),
+        )
+
+    def mean(self, condition: th.Tensor, representation: th.Tensor) -> th.Tensor:
+        """Return mean trajectories in the trajectory's unit, shape (B, T, D).
+
+        :param condition: shape (B, C), as `condition` returns it
+        :param representation: shape (B, Z)
+        """
+        decoded = self.network.decode(self.times, representation, condition).mean
+        return decoded * self.value_std + self.value_mean
+
+    @th.no_grad()
+    def trajectories(
+        self, contexts: ArrayLike, points: tuple[ArrayLike, ArrayLike] | None = None
+    ) -> NDArray[np.float64]:
+        """Return the mean trajectory for each context, shape (N, T, D).
+
+        :param contexts: shape (N, C)
+        :param points: via-points that all trajectories should pass: times in [0, 1], shape (O,),
+            and values in the trajectory's unit, shape (O, D)
+        :raises InvalidDataError: points of a wrong shape, or times outside [0, 1]
+        """
+        checked = None if points is None else self.checked_points(points)
+        condition = self.condition(self.times.new_tensor(np.asarray(contexts)))
+        decoded = self.mean(condition, self.representation(condition, checked))
+        return decoded.cpu().numpy().astype(np.float64)
+
+    def checked_points(self, points: tuple[ArrayLike, ArrayLike]) -> tuple[th.Tensor, th.Tensor]:
+        """Return via-points as tensors.
+
+        :param points: times in [0, 1], shape (O,), and values, shape (O, D)
+        :raises InvalidDataError: a wrong shape, a time outside [0, 1], or a non-finite value
+        """
+        times, values = (np.asarray(part, np.float32) for part in points)
+        expected = (*times.shape, self.value_mean.shape[0])
+        if times.ndim != 1 or len(times) == 0 or values.shape != expected:
+            raise InvalidDataError(
+                f"via-points have times of shape {times.shape} and values of shape {values.shape}; "
+                f"they need (O,) and (O, D) with O >= 1 and D = {expected[-1]}."
+            )
+        if not (np.isfinite(values).all() and (times >= 0).all() and (times <= 1).all()):
+            raise InvalidDataError(
+                f"via-points at times {times.tolist()}: times must lie in [0, 1], scaled by the "
+                "trajectory's duration, and values must be finite."
+            )
+        device = self.times.device
+        return th.as_tensor(times, device=device), th.as_tensor(values, device=device)

@@ -1,0 +1,197 @@
+"""How a CNMP learns trajectories: random points, Eq. 4.1, and the training on demonstrations.
+
+Shape letters: N demonstrations, B batch, T time points, D dimensions of the trajectory, C context,
+O conditioning points, P target points.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import torch as th
+from stable_baselines3.common.utils import update_learning_rate
+
+from sb3_nmp.common.demonstrations import Demonstrations
+from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.settings import Presets, settings_name
+from sb3_nmp.models.cnmp import CNMP, ConditionalNeuralProcess
+
+#: batches drawn at once
+CHUNK = 100
+
+
+@settings_name("cnmp-pretraining")
+@dataclass(frozen=True)
+class CNMPPretraining(Presets):
+    """How a CNMP is trained on demonstrations before any rollout.
+
+    Small batches pay: at equal time they generalise better than large ones, which meet the
+    demonstrations more exactly (``results/experiments/acnmp.md``).
+
+    ``CNMPPretraining.preset("stream")`` is longer and has larger batches, for streams of contexts.
+
+    >>> from sb3_nmp import CNMPPretraining
+    >>> CNMPPretraining(n_steps=500).batch_size
+    8
+
+    :param n_steps: steps of Adam
+    :param batch_size: demonstrations per step
+    :param n_target_points: random time points of each at which it is predicted
+    :param max_conditioning_points: the encoder sees at most so many random points, and none half
+        of the time, as in `predict` without via-points
+    :param learning_rate: of Adam at the start; it falls to a hundredth along a cosine
+    :param weight_decay: of AdamW
+    """
+
+    n_steps: int = 3000
+    batch_size: int = 8
+    n_target_points: int = 5
+    max_conditioning_points: int = 5
+    learning_rate: float = 3e-3
+    weight_decay: float = 0.0
+
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "stream": {"n_steps": 4000, "batch_size": 32}
+    }
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        for name in ("n_steps", "batch_size", "n_target_points", "max_conditioning_points"):
+            value = getattr(self, name)
+            least = 0 if name in ("n_steps", "max_conditioning_points") else 1
+            if int(value) != value or value < least:
+                raise ConfigurationError(
+                    f"{name} is {value}; it must be a whole number >= {least}."
+                )
+        if not self.learning_rate > 0 or not self.weight_decay >= 0:
+            raise ConfigurationError(
+                f"learning_rate is {self.learning_rate} and weight_decay {self.weight_decay}; they "
+                "must be > 0 and >= 0."
+            )
+
+
+@dataclass(frozen=True)
+class PointBatch:
+    """Random conditioning and target points of a batch of trajectories, in normalised values.
+
+    :param times: of all points, shape (B, O + P)
+    :param values: at those times, shape (B, O + P, D)
+    :param seen: which of the first O points are shown to the encoder, shape (B, O)
+    :param condition: shape (B, C)
+    """
+
+    times: th.Tensor
+    values: th.Tensor
+    seen: th.Tensor
+    condition: th.Tensor
+
+
+class PointSampler:
+    """Draws batches of points from trajectories, many batches with one call of the generator.
+
+    :param settings: sizes of the batches
+    :param times: of the time points, shape (T,)
+    :param values: normalised trajectories, shape (N, T, D)
+    :param condition: normalised contexts, shape (N, C)
+    :param rng: the generator to draw from
+    """
+
+    def __init__(
+        self,
+        settings: CNMPPretraining,
+        times: th.Tensor,
+        values: th.Tensor,
+        condition: th.Tensor,
+        rng: np.random.Generator,
+    ) -> None:
+        self.settings, self.rng = settings, rng
+        self.times, self.values, self.condition = times, values, condition
+
+    def draw(self, n_batches: int) -> list[PointBatch]:
+        """Draw some batches.
+
+        :param n_batches: how many
+        """
+        s, n_seen = self.settings, self.settings.max_conditioning_points
+        size, device = min(s.batch_size, len(self.values)), self.values.device
+        order = self.rng.random((n_batches, len(self.values))).argsort(axis=1)[:, :size]
+        rows = th.as_tensor(order, device=device)
+        n_points = n_seen + s.n_target_points
+        drawn = self.rng.integers(len(self.times), size=(n_batches, size, n_points))
+        points = th.as_tensor(drawn, device=device)
+        counts = self.rng.integers(-n_seen, n_seen + 1, size=(n_batches, size, 1))
+        seen = th.as_tensor((np.arange(n_seen) < counts).astype(np.float32), device=device)
+        return [
+            PointBatch(
+                self.times[points[i]],
+                self.values[rows[i][:, None], points[i]],
+                seen[i],
+                self.condition[rows[i]],
+            )
+            for i in range(n_batches)
+        ]
+
+
+def cosine(highest: float, progress: float) -> float:
+    """Return a learning rate that falls from the highest to a hundredth of it.
+
+    :param highest: at the start
+    :param progress: of the training, in [0, 1]
+    """
+    return highest * (0.505 + 0.495 * math.cos(math.pi * progress))
+
+
+def negative_log_likelihood(network: ConditionalNeuralProcess, batch: PointBatch) -> th.Tensor:
+    """Return Eq. 4.1, averaged over the target points and summed over dimensions; a scalar.
+
+    :param network: the conditional neural process
+    :param batch: points of demonstrations
+    """
+    n_seen = batch.seen.shape[1]
+    representation = network.encode(
+        batch.times[:, :n_seen], batch.values[:, :n_seen], batch.condition, batch.seen
+    )
+    predicted = network.decode(batch.times[:, n_seen:], representation, batch.condition)
+    return -predicted.log_prob(batch.values[:, n_seen:]).sum(dim=-1).mean()
+
+
+def pretrain(
+    demonstrations: Demonstrations,
+    settings: CNMPPretraining,
+    rng: np.random.Generator,
+    cnmp: CNMP | None = None,
+) -> CNMP:
+    """Train a CNMP on demonstrations by maximum likelihood (Eq. 4.1).
+
+    :param demonstrations: of one shape, at least one
+    :param settings: of the training
+    :param rng: draws the batches; a new network's weights come from PyTorch's generator
+    :param cnmp: the network to train; a new one by default
+    :return: the trained network
+    """
+    cnmp = cnmp or CNMP(demonstrations.context_dim, demonstrations.trajectory_shape)
+    cnmp.set_scale(demonstrations)
+    optimizer = th.optim.AdamW(
+        cnmp.parameters(), settings.learning_rate, weight_decay=settings.weight_decay, fused=True
+    )
+    sampler = PointSampler(
+        settings,
+        cnmp.times,
+        cnmp.normalise(cnmp.times.new_tensor(demonstrations.trajectories)),
+        cnmp.condition(cnmp.times.new_tensor(demonstrations.contexts)),
+        rng,
+    )
+    batches: list[PointBatch] = []
+    cnmp.train()
+    for step in range(settings.n_steps):
+        if step % CHUNK == 0:
+            batches = sampler.draw(min(CHUNK, settings.n_steps - step))
+        rate = cosine(settings.learning_rate, step / settings.n_steps)
+        update_learning_rate(optimizer, rate)
+        loss = negative_log_likelihood(cnmp.network, batches[step % CHUNK])
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+    return cnmp.train(False)

@@ -1,0 +1,134 @@
+"""The parts that networks over trajectories are made of.
+
+Shape letters: B batch, T target times.
+"""
+
+import math
+from itertools import pairwise
+
+import torch as th
+from torch import nn
+
+from sb3_nmp.common.settings import settings_name
+
+#: the activations that settings name in files
+ACTIVATIONS = {
+    "relu": nn.ReLU,
+    "tanh": nn.Tanh,
+    "elu": nn.ELU,
+    "gelu": nn.GELU,
+    "silu": nn.SiLU,
+    "leaky-relu": nn.LeakyReLU,
+    "softplus": nn.Softplus,
+}
+for _name, _activation in ACTIVATIONS.items():
+    settings_name(_name)(_activation)
+
+
+def mlp(sizes: list[int], activation_fn: type[nn.Module]) -> nn.Sequential:
+    """Return a multi-layer perceptron with a linear last layer.
+
+    :param sizes: of input, hidden layers and output
+    :param activation_fn: between the layers
+    """
+    layers: list[nn.Module] = []
+    for inputs, outputs in pairwise(sizes):
+        layers += [nn.Linear(inputs, outputs), activation_fn()]
+    return nn.Sequential(*layers[:-1])
+
+
+class LinearPlus(nn.Module):
+    """A linear map plus a multi-layer perceptron: few examples determine the linear part best.
+
+    :param sizes: of input, hidden layers and output
+    :param activation_fn: between the layers
+    """
+
+    def __init__(self, sizes: list[int], activation_fn: type[nn.Module]) -> None:
+        super().__init__()
+        self.linear = nn.Linear(sizes[0], sizes[-1])
+        self.correction = mlp(sizes, activation_fn)
+
+    def forward(self, inputs: th.Tensor) -> th.Tensor:
+        """Return the sum, shape (*, outputs).
+
+        :param inputs: shape (*, inputs)
+        """
+        return self.linear(inputs) + self.correction(inputs)
+
+
+class TimeFeatures(nn.Module):
+    """Time as a vector: t itself, and sines and cosines up to a highest frequency.
+
+    A multi-layer perceptron fed with t alone is slow to learn a path that bends several times;
+    the thesis's networks are fed with t alone (``n_frequencies = 0``).
+
+    :param n_frequencies: number of frequencies: 1/2, 1, 3/2, ... periods over [0, 1]
+    """
+
+    frequencies: th.Tensor
+
+    def __init__(self, n_frequencies: int) -> None:
+        super().__init__()
+        self.n_features = 1 + 2 * n_frequencies
+        self.register_buffer("frequencies", math.pi * th.arange(1, n_frequencies + 1))
+
+    def forward(self, times: th.Tensor) -> th.Tensor:
+        """Return the features, shape (*, n_features).
+
+        :param times: in [0, 1], shape (*,)
+        """
+        angles = times[..., None] * self.frequencies
+        return th.cat([times[..., None], angles.sin(), angles.cos()], dim=-1)
+
+
+class TrajectoryDecoder(nn.Module):
+    """From a latent, a condition and target times to the values at those times.
+
+    The first layer is split by what varies with time and what does not, so that a batch of
+    trajectories over common times costs the time features once.
+
+    :param n_frequencies: of the time features
+    :param inputs: size of latent and condition together
+    :param arch: hidden layers
+    :param outputs: size of the output at each target time
+    :param activation_fn: between the layers
+    :param trend_dim: adds to so many of the outputs, the first ones, a trend that is linear in the
+        inputs and in the time features. It is what few examples determine best
+    """
+
+    def __init__(
+        self,
+        n_frequencies: int,
+        inputs: int,
+        arch: list[int],
+        outputs: int,
+        activation_fn: type[nn.Module],
+        trend_dim: int = 0,
+    ) -> None:
+        super().__init__()
+        self.features = TimeFeatures(n_frequencies)
+        self.from_time = nn.Linear(self.features.n_features, arch[0])
+        self.from_latent = nn.Linear(inputs, arch[0], bias=False)
+        self.activation = activation_fn()
+        self.layers = mlp([*arch, outputs], activation_fn)
+        self.trend: nn.Linear | None = None
+        if trend_dim:
+            self.trend = nn.Linear(inputs, (self.features.n_features + 1) * trend_dim)
+            nn.init.zeros_(self.trend.weight)
+            nn.init.zeros_(self.trend.bias)
+
+    def forward(self, times: th.Tensor, constant: th.Tensor) -> th.Tensor:
+        """Return the outputs, shape (B, T, outputs).
+
+        :param times: target times, shape (T,) or (B, T)
+        :param constant: latent and condition, shape (B, inputs)
+        """
+        features = self.features(times)
+        hidden = self.from_time(features) + self.from_latent(constant)[:, None]
+        outputs = self.layers(self.activation(hidden))
+        if self.trend is None:
+            return outputs
+        bases = nn.functional.pad(features, (0, 1), value=1.0).expand(*outputs.shape[:2], -1)
+        trend = bases @ self.trend(constant).unflatten(1, (bases.shape[-1], -1))
+        return outputs + nn.functional.pad(trend, (0, outputs.shape[-1] - trend.shape[-1]))
