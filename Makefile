@@ -46,9 +46,10 @@ test: setup ## tests and doctests, without the slow ones
 test-slow: setup ## the slow, statistical tests alone
 	$(PYTEST) -m slow
 
-check: setup ## ruff (lint and format) and pyright
+check: setup ## ruff (lint and format), pyright, and which module may import which
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
+	$(BIN)/lint-imports
 	$(BIN)/pyright --warnings
 
 format: setup ## mend what ruff can mend

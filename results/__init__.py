@@ -1,4 +1,4 @@
-"""The benchmark: run specifications, runner, aggregates, tables and plots (``nmp-bench``).
+"""The benchmark: ``nmp-bench`` runs suites and tells what came of them.
 
-Runs produce data, one file a run; tables and plots are pure functions of those files.
+Runs produce records, one file per run; tables and figures are pure functions of records.
 """

@@ -4,13 +4,16 @@ import argparse
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from results.exceptions import BenchmarkError
-from results.records import Record, read_records
-from results.suites import SUITES, known_algorithms, make_suite, parse_seeds
+from results.suites import check_suite, describe_suites
+from results.thesis import TABLES
+
+if TYPE_CHECKING:  # the command line answers at once: what is slow to import waits
+    from results.harness.records import RunRecord
 
 RUNS = Path("results/runs")
-THESIS_TABLES = ("table-5.1", "table-5.2")
 USAGE_ERROR, INTERRUPTED = 2, 130
 EXIT_STATUS = (
     "exit status: 0 done (failed runs are listed, kept with their reason, and tried again next "
@@ -23,21 +26,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     :param arguments: those of the process by default
     """
-    from benchmark_envs import RenderingUnavailableError, TaskError
-
     options = build_parser().parse_args(arguments)
     command: Callable[[argparse.Namespace], int] = options.command
     try:
         return command(options)
-    except (BenchmarkError, TaskError, RenderingUnavailableError) as error:
-        print(f"nmp-bench: {error}", file=sys.stderr)
-        return USAGE_ERROR
     except KeyboardInterrupt:
         print("\nnmp-bench: interrupted.", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:  # such as `nmp-bench table | head`
         sys.stderr.close()
         return 0
+    except (ValueError, RuntimeError) as error:
+        if not _is_usage_error(error):
+            raise
+        print(f"nmp-bench: {error}", file=sys.stderr)
+        return USAGE_ERROR
+
+
+def _is_usage_error(error: Exception) -> bool:
+    """Tell whether an error is the user's to mend, and its message all that there is to say."""
+    from benchmark_envs import RenderingUnavailableError, TaskError
+
+    return isinstance(error, BenchmarkError | TaskError | RenderingUnavailableError)
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -55,33 +65,27 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _suites() -> str:
-    return "; ".join(
-        f"{name}: {recipe.description}, {recipe.n_seeds} seeds, {recipe.budget} rollouts each"
-        for name, recipe in SUITES.items()
-    )
-
-
 def _add_run(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Run a suite in parallel processes, one result file a run. Runs that the folder holds "
+        "Run a suite in parallel processes, one result file per run. Runs that the folder holds "
         "already are kept, so the same command goes on where an interrupted one stopped."
     )
     parser.set_defaults(command=run)
-    parser.add_argument("--suite", default="quick", help=f"{_suites()} (default: quick)")
+    told = "; ".join(f"{name}: {line.rstrip('.')}" for name, line in describe_suites().items())
+    parser.add_argument("--suite", default="quick", help=f"{told} (default: quick)")
     parser.add_argument(
         "--seeds",
         metavar="N|A-B|A,B",
         help="the first N, a range, or a list (default: the suite's)",
     )
     parser.add_argument(
-        "--budget", type=int, help="rollouts a run (default: the suite's, or the algorithm's own)"
+        "--budget", type=int, help="rollouts per run (default: the suite's, or the algorithm's own)"
     )
     parser.add_argument(
         "--algorithms", nargs="+", metavar="LABEL", help="only these (default: all of the suite)"
     )
     parser.add_argument(
-        "--workers", type=int, metavar="N", help="parallel processes (default: one a core)"
+        "--workers", type=int, metavar="N", help="parallel processes (default: one per core)"
     )
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="folder of the runs (default: results/runs/SUITE)"
@@ -107,7 +111,7 @@ def _add_table(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "name",
         nargs="?",
-        choices=THESIS_TABLES,
+        choices=TABLES,
         help="a table of the thesis beside ours: 5.1 from the suites push and aperture, 5.2 from "
         "pick-and-place and pouring; --runs is then the folder of the suites' folders (default: "
         "results/runs)",
@@ -134,7 +138,7 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     source.add_argument("--model", type=Path, metavar="ZIP", help="saved by model.save()")
     source.add_argument("--run", type=Path, metavar="JSON", help="a run's file: its greedy rollout")
     source.add_argument("--expert", metavar="MODE", help="the task's scripted expert")
-    parser.add_argument("--algorithm", default="RC-NMP", help="of the model (default: %(default)s)")
+    parser.add_argument("--algorithm", default="rcnmp", help="of the model (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of the context, where it is drawn")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="what to write")
 
@@ -144,13 +148,16 @@ def run(options: argparse.Namespace) -> int:
 
     :param options: the parsed arguments
     """
-    from results.planning import plan_runs
-    from results.progress import run_with_progress
+    from results.harness.progress import run_with_progress
+    from results.harness.resume import plan_runs
+    from results.harness.suite import make_suite, parse_seeds
+    from results.suites import find_recipe
 
     if options.workers is not None and options.workers < 1:
         raise BenchmarkError(f"--workers is {options.workers}; at least 1 process is needed.")
     seeds = None if options.seeds is None else parse_seeds(options.seeds)
-    suite = make_suite(options.suite, seeds, options.budget, options.algorithms)
+    recipe = find_recipe(options.suite)
+    suite = make_suite(options.suite, recipe, seeds, options.budget, options.algorithms)
     folder = options.out or RUNS / suite.name
     if folder.exists() and not folder.is_dir():
         raise BenchmarkError(f"--out is '{folder}', a file; name a folder.")
@@ -173,10 +180,11 @@ def table(options: argparse.Namespace) -> int:
     folder, records, labels = _read(options)
     report = report_for(records)
     runs = report.frame(records)
-    report.summary(runs, labels).to_csv(folder / "table.csv", index=False)
-    (folder / "table.md").write_text(report.markdown(runs, labels), encoding="utf-8")
+    page = report.tables(runs, labels)
+    report.summarise(runs, labels).to_csv(folder / "table.csv", index=False)
+    (folder / "table.md").write_text(page.markdown(), encoding="utf-8")
     console = Console(highlight=False)
-    console.print(report.terminal(runs, labels, console.width))
+    console.print(page.terminal(console.width))
     console.print(f"Written: {folder / 'table.md'}, {folder / 'table.csv'}", soft_wrap=True)
     return 0
 
@@ -185,18 +193,16 @@ def _thesis_table(options: argparse.Namespace) -> int:
     """Print one of the thesis's tables beside our numbers, and write it as Markdown."""
     from rich.console import Console
 
-    from results.text_table import markdown_page, terminal_page
-    from results.thesis_table_5_1 import table_5_1
-    from results.thesis_table_5_2 import table_5_2
+    from results.thesis import make_table
 
     if options.suite is not None:
         raise BenchmarkError(f"{options.name} has suites of its own; leave out --suite.")
     folder = options.runs or RUNS
-    page = dict(zip(THESIS_TABLES, (table_5_1, table_5_2), strict=True))[options.name](folder)
+    page = make_table(options.name, folder)
     path = folder / f"{options.name}.md"
-    path.write_text(markdown_page(*page), encoding="utf-8")
+    path.write_text(page.markdown(), encoding="utf-8")
     console = Console(highlight=False)
-    console.print(terminal_page(*page, console.width))
+    console.print(page.terminal(console.width))
     console.print(f"Written: {path}", soft_wrap=True)
     return 0
 
@@ -206,16 +212,13 @@ def plot(options: argparse.Namespace) -> int:
 
     :param options: the parsed arguments
     """
-    from results.plot import save_figures
-    from results.reports import report_for
+    from results.report.figure_style import save_figures
+    from results.reports import figures
 
     folder, records, labels = _read(options)
-    if all(record["outcome"] != "finished" for record in records):
+    if not any(record.finished for record in records):
         raise BenchmarkError(f"no run in '{folder}' has finished; 'nmp-bench table' tells why.")
-    report = report_for(records)
-    if options.reference:
-        report = report.with_references(options.reference)
-    for path in save_figures(folder, report.figures(records, labels)):
+    for path in save_figures(folder, figures(records, labels, options.reference or ())):
         print(f"Written: {path}")
     return 0
 
@@ -235,17 +238,21 @@ def render(options: argparse.Namespace) -> int:
     return 0
 
 
-def _read(options: argparse.Namespace) -> tuple[Path, list[Record], list[str]]:
+def _read(options: argparse.Namespace) -> tuple[Path, "list[RunRecord]", list[str]]:
     """Return the folder that is meant, its runs, and the algorithms in the order to show them."""
+    from results.harness.record_files import read_records
+    from results.harness.records import labels_of
+
     name = options.suite or ("quick" if options.runs is None else None)
-    expected = [] if name is None else make_suite(name).labels
+    if name is not None:
+        check_suite(name)
     folder = options.runs or RUNS / str(name)
-    records = read_records(folder)
-    if not records:
+    held = read_records(folder)
+    for why in held.unreadable.values():
+        print(f"nmp-bench: left out: {why}", file=sys.stderr)
+    if not held.records:
         raise BenchmarkError(
-            f"'{folder}' holds no runs; make some with 'nmp-bench run --suite "
+            f"'{folder}' holds no readable runs; make some with 'nmp-bench run --suite "
             f"{name or 'SUITE'} --out {folder}', or name another folder (--runs)."
         )
-    found = [record["specification"]["label"] for record in records]
-    known = [label for label in known_algorithms() if label in found]
-    return folder, records, list(dict.fromkeys([*expected, *known, *found]))
+    return folder, held.records, labels_of(held.records)

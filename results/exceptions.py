@@ -7,3 +7,7 @@ class BenchmarkError(ValueError):
 
 class SettingsClashError(BenchmarkError):
     """A folder holds runs of the same experiment with other settings."""
+
+
+class RecordError(BenchmarkError):
+    """A file is no record of a run, is damaged, or is of another version."""

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from benchmark_envs import make_task
 from benchmark_envs.trajectory_env import FRAMES_PER_SECOND
+from results.algorithms import BY_NAME
 from results.exceptions import BenchmarkError
-from results.records import read_record
-from results.suites import find_label, known_algorithms
+from results.harness.record_files import read_record
+from results.harness.suite import find_label
 
 ENDINGS = (".gif", ".mp4", ".png")
 SHEET = (2, 4)  # rows and columns of pictures
@@ -29,7 +30,7 @@ class RenderRequest:
     :param model: file that ``model.save`` wrote
     :param run: a run's result file
     :param expert: mode of the task's scripted expert
-    :param algorithm: label of the model's class
+    :param algorithm: name of the model's class
     :param seed: of the context, where the task draws it
     """
 
@@ -37,7 +38,7 @@ class RenderRequest:
     model: Path | None = None
     run: Path | None = None
     expert: str | None = None
-    algorithm: str = "RC-NMP"
+    algorithm: str = "rcnmp"
     seed: int = 0
 
 
@@ -66,29 +67,39 @@ def chosen_rollout(request: RenderRequest) -> tuple[np.ndarray, np.ndarray]:
     :param request: whose
     :raises BenchmarkError: no such model, or the run is of another task
     """
-    task = make_task(request.task)
     if request.run is not None:
-        record = read_record(request.run)
-        if record["outcome"] != "finished" or record["specification"]["task"] != request.task:
-            raise BenchmarkError(
-                f"'{request.run}' is a {record['outcome']} run on {record['specification']['task']}"
-                f"; a finished one on {request.task} is needed."
-            )
-        if "greedy" not in record:
-            raise BenchmarkError(
-                f"'{request.run}' holds no rollout, because it is a run over many contexts; give "
-                "one in a single context, or a model (--model)."
-            )
-        return np.array(record["greedy"]["context"]), _float32(record["greedy"]["trajectory"])
+        return rollout_of_run(request.run, request.task)
+    task = make_task(request.task)
     context = task.sample_context(np.random.default_rng(request.seed))
     if request.model is None:
         return context, _float32(task.demonstrate(context, request.expert))
     if not request.model.exists():
         raise BenchmarkError(f"there is no model '{request.model}'; give a file of model.save().")
-    known = known_algorithms()
-    algorithm = known[find_label(request.algorithm, known, "the benchmark")].load()
+    algorithm = BY_NAME[find_label(request.algorithm, BY_NAME, "the benchmark")].load()
     action, _ = algorithm.load(request.model).predict(_float32(context), deterministic=True)
     return context, action
+
+
+def rollout_of_run(path: Path, task: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return context (C,) and trajectory (T, D) of a run's last greedy rollout.
+
+    :param path: of the run's file
+    :param task: its task's id
+    :raises BenchmarkError: a failed run, one of another task, or one over many contexts
+    """
+    record = read_record(path)
+    if not record.finished or record.specification.task != task:
+        raise BenchmarkError(
+            f"'{path}' is a {record.outcome} run on {record.specification.task}; a finished one on "
+            f"{task} is needed."
+        )
+    context, rollout = record.measured.context, record.measured.rollouts.get("greedy")
+    if context is None or rollout is None:
+        raise BenchmarkError(
+            f"'{path}' holds no rollout, because it is a run over many contexts; give one in a "
+            "single context, or a model (--model)."
+        )
+    return np.array(context.values), _float32(rollout.trajectory)
 
 
 def write_frames(frames: Frames, out: Path) -> None:

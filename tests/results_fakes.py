@@ -1,6 +1,6 @@
 """Cheap algorithms, and a task without physics, with which the harness is tested."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, ClassVar, cast
 
@@ -16,6 +16,8 @@ from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 
 from benchmark_envs import Rollouts, Task, registry
 from benchmark_envs.task import FloatArray
+from results import suites
+from results.harness.suite import Recipe
 from sb3_nmp.common.algorithm import TrajectoryAlgorithm
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.noise import SmoothNoise
@@ -155,6 +157,15 @@ def target_task() -> Iterator[None]:
         yield
 
 
+@contextmanager
+def suite_of(recipes: Mapping[str, Recipe]) -> Iterator[None]:
+    """Register suites for a while; one that bears the name of a file's stands in for it."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, recipe in recipes.items():
+            patch.setitem(suites._REGISTERED, name, recipe)
+        yield
+
+
 class NearestPolicy(TrajectoryPolicy):
     """Answers with the trajectory of the nearest context that was solved."""
 
@@ -229,16 +240,16 @@ class Adaptive(TrajectoryAlgorithm):
 
 
 class Guessing(HillClimber):
-    """A hill climber that is given trajectories to begin with, and has no policy before."""
+    """A hill climber that begins with the mean of demonstrations, and has no policy before."""
 
     def __init__(
         self,
         policy: str,
         env: Any,
         seed: int | None = None,
-        initial_trajectories: NDArray[np.floating] | None = None,
+        demonstrations: Demonstrations | None = None,
     ) -> None:
-        self.guess = None if initial_trajectories is None else initial_trajectories.mean(axis=0)
+        self.guess = None if demonstrations is None else demonstrations.trajectories.mean(axis=0)
         super().__init__(policy, env, seed)
 
     def initial_trajectory(self) -> NDArray[np.float64]:

@@ -7,52 +7,58 @@ from typing import Any
 import numpy as np
 import pytest
 
-from results.adaptation import (
-    adaptation_frame,
-    adaptation_tables,
-    error_after,
-    summarise_adaptation,
+from results.adaptation.figures import (
+    adaptation_curves,
+    error_quartiles,
+    figures,
+    panel_titles,
+    read_reference,
 )
+from results.adaptation.protocol import LeaveOneOut
+from results.adaptation.summary import error_after, frame, summarise
+from results.adaptation.tables import tables
 from results.exceptions import BenchmarkError, SettingsClashError
-from results.planning import plan_runs
-from results.plot_adaptation import adaptation_curves, error_quartiles, read_reference
-from results.protocols import LeaveOneOut, OneContext
-from results.records import Record, curves_frame, write_record
-from results.reports import report_for
-from results.specification import Algorithm, RunSpecification
-from results.suites import SUITES, Recipe, make_suite
-from results.text_table import markdown_page
+from results.harness.record_files import write_record
+from results.harness.records import (
+    ProtocolRecord,
+    RunRecord,
+    SpecificationRecord,
+    SuiteRecord,
+    TaskRecord,
+    finished,
+)
+from results.harness.resume import plan_runs
+from results.harness.specification import Algorithm, RunSpecification
+from results.harness.suite import Recipe, make_suite
+from results.one_context.protocol import OneContext
+from results.report.frames import curves_frame
+from results.suites import find_recipe
+from tests.records_fakes import curve_of, failed_run, finished_run, specification
 
 TASK = "nmp/Push-v0"
+PUSH = TaskRecord(("target x [m]", "target y [m]"), ("joint 1 [rad]",), 0.05, "m²")
+SUITE = SuiteRecord("push", ("A", "B", "C"), (0, 40, 80, 200), 130)
+
+
+def asked(label: str, target: int, seed: int, budget: int = 200) -> SpecificationRecord:
+    kind = "extrapolation" if target in (2, 9) else "interpolation"
+    protocol = ProtocolRecord("leave-one-out", {}, target, kind)
+    return specification(label, seed, TASK, budget, protocol, SUITE)
 
 
 def record(
-    label: str, target: int, seed: int, errors: dict[int, float], budget: int = 200, **more: Any
-) -> Record:
+    label: str, target: int, seed: int, errors: dict[int, float], budget: int = 200
+) -> RunRecord:
     """A run whose greedy trajectory succeeds below an error of 0.1."""
-    solved = [error < 0.1 for error in errors.values()]
-    specification = {"task": TASK, "label": label, "seed": seed, "budget": budget}
-    specification |= {"target": target, "extrapolation": target in (2, 9)}
-    specification["protocol"] = {"name": "leave-one-out"}
-    return {
-        "outcome": "finished",
-        "specification": specification,
-        "provenance": {"commit": "c0ffee", "dirty": False},
-        "seconds": {"training": 2.0 + seed},
-        "curve": {
-            "rollouts": list(errors),
-            "best_reward": [None if count == 0 else -error for count, error in errors.items()],
-            "best_success": solved,
-            "any_success": solved,
-            "greedy_reward": [-error for error in errors.values()],
-            "greedy_success": solved,
-        },
-    } | more
+    curve = curve_of([-error for error in errors.values()], [e < 0.1 for e in errors.values()])
+    curve["rollouts"] = list(errors)
+    if 0 in errors:
+        curve["best_reward"][0] = None
+    return finished_run(asked(label, target, seed, budget), curve, PUSH, 2.0 + seed)
 
 
-def failed(label: str, target: int, seed: int) -> Record:
-    error = {"type": "RuntimeError", "message": "singular", "traceback": "..."}
-    return record(label, target, seed, {0: 1.0}) | {"outcome": "failed", "error": error}
+def failed(label: str, target: int, seed: int) -> RunRecord:
+    return failed_run(asked(label, target, seed))
 
 
 RECORDS = [
@@ -68,12 +74,12 @@ RECORDS = [
 
 
 def summary_of(kind: str, label: str) -> dict[Any, Any]:
-    summary = summarise_adaptation(adaptation_frame(RECORDS), ["A", "B", "C"])
+    summary = summarise(frame(RECORDS), ["A", "B", "C"])
     return summary.set_index(["kind", "label"]).loc[(kind, label)].to_dict()
 
 
 def test_a_run_that_needs_no_rollout_counts_zero():
-    runs = adaptation_frame(RECORDS).set_index(["label", "target", "seed"])
+    runs = frame(RECORDS).set_index(["label", "target", "seed"])
     assert runs.loc[("A", 3, 0), "greedy_rollouts"] == 0
     assert runs.loc[("A", 4, 0), "greedy_rollouts"] == 10
     assert math.isinf(float(runs.loc[("A", 2, 0), "greedy_rollouts"]))  # type: ignore[arg-type]
@@ -107,8 +113,8 @@ def test_what_was_not_run_or_failed_has_a_reason():
 
 
 def test_table_keeps_kinds_apart_and_names_failures():
-    runs = adaptation_frame(RECORDS)
-    text = markdown_page(*adaptation_tables(runs, ["A", "B", "C"]))
+    runs = frame(RECORDS)
+    text = tables(runs, ["A", "B", "C"]).markdown()
     outer, inner = text.split("## ")[1:]
     assert outer.startswith(f"{TASK}, extrapolation: held-out targets 2, 9")
     assert "| A | 3 | 150 (105–>200) | 2/3 | 1/3 | 4 (3–4) |" in outer
@@ -119,13 +125,13 @@ def test_table_keeps_kinds_apart_and_names_failures():
 
 
 def test_tables_fit_the_terminal():
-    tables, _ = adaptation_tables(adaptation_frame(RECORDS), ["A", "B", "C"])
+    (first, *_) = tables(frame(RECORDS), ["A", "B", "C"]).tables
     for width in (60, 80, 120):
-        for part in tables[0].parts(width):
+        for part in first.parts(width):
             assert part.header[0] == "algorithm" and len(part.rows) == 3
             assert sum(part._width(i) for i in range(len(part.header))) <= width
-    parts = tables[0].parts(60)
-    assert sum(len(part.header) - 1 for part in parts) == len(tables[0].header) - 1
+    parts = first.parts(60)
+    assert sum(len(part.header) - 1 for part in parts) == len(first.header) - 1
 
 
 # -- plots -------------------------------------------------------------------------------------
@@ -133,7 +139,7 @@ def test_tables_fit_the_terminal():
 
 def test_quartiles_take_each_run_where_it_was_left():
     curves = curves_frame(RECORDS)
-    outer = curves.loc[(curves["label"] == "A") & curves["extrapolation"]]
+    outer = curves.loc[(curves["label"] == "A") & (curves["kind"] == "extrapolation")]
     medians = error_quartiles(outer)[0.5]
     assert medians.loc[[0, 30, 50, 60, 150, 200]].tolist() == [4.0, 2.0, 2.0, 2.0, 0.05, 0.05]
 
@@ -143,7 +149,8 @@ def test_figure_has_a_panel_a_kind_and_an_entry_an_algorithm(tmp_path: Path):
     np.save(tmp_path / "curve_extrapolation.npy", -errors)
     references = dict([read_reference(tmp_path / "curve_extrapolation.npy")])
     assert np.array_equal(references["extrapolation"], errors)
-    figure = adaptation_curves(curves_frame(RECORDS), ["A", "B", "C"], references)
+    titles = panel_titles(finished(RECORDS))
+    figure = adaptation_curves(curves_frame(RECORDS), ["A", "B", "C"], references, titles)
     assert [axes.get_yscale() for axes in figure.axes] == ["log", "log"]
     assert [axes.get_title().split(":")[0] for axes in figure.axes] == [
         "extrapolation", "interpolation",
@@ -166,25 +173,24 @@ def test_a_reference_must_be_a_table_of_a_known_kind(
 
 
 def test_a_reference_is_refused_where_it_means_nothing():
-    one = record("A", 9, 0, {0: 1.0})
-    one["specification"]["protocol"]["name"] = "stream"
-    with pytest.raises(BenchmarkError, match="leave-one-out suites"):
-        report_for([one]).with_references([Path("x.npy")])
+    curve = curve_of([-1.0], [False], first=0)
+    protocol = ProtocolRecord("extrapolation", {}, 0, "context 0")
+    one = finished_run(specification("A", 0, protocol=protocol), curve)
+    with pytest.raises(BenchmarkError, match=r"extrapolation runs.*leave-one-out suites"):
+        figures([one], ["A"], [Path("x.npy")])
 
 
 # -- suites and planning -----------------------------------------------------------------------
 
 
 def run_of(label: str, target: int = 9, **more: Any) -> RunSpecification:
-    protocol = LeaveOneOut(target, target in (2, 9))
-    settings = {"budget": 200, "protocol": protocol} | more
-    return RunSpecification(label, Algorithm("a:B"), TASK, 0, **settings)
+    settings = {"budget": 200, "protocol": LeaveOneOut(target, target in (2, 9))} | more
+    return RunSpecification(label, Algorithm("b", "a:B"), TASK, 0, **settings)
 
 
 def hold(folder: Path, run: RunSpecification) -> None:
-    write_record(
-        folder / f"{run.stem}.json", {"outcome": "finished", "specification": run.as_dict()}
-    )
+    done = finished_run(run.record, curve_of([-1.0], [True]), PUSH)
+    write_record(folder / f"{run.stem}.json", done)
 
 
 def test_a_folder_takes_all_targets_and_budgets_of_an_algorithms_own(tmp_path: Path):
@@ -212,23 +218,21 @@ def test_other_budgets_and_protocols_clash(tmp_path: Path, other: RunSpecificati
 
 def test_an_algorithms_budget_goes_before_the_suites_but_not_before_the_users():
     recipe = Recipe(
-        "x", {"A": Algorithm("a:A"), "B": Algorithm("a:B", budget=90)}, {TASK: {}}, 30, 2,
+        {"A": Algorithm("a", "a:A"), "B": Algorithm("b", "a:B", budget=90)}, {TASK: {}}, 30, 2,
         (LeaveOneOut(0, False), LeaveOneOut(9, True)),
     )  # fmt: skip
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(SUITES, "x", recipe)
-        runs = make_suite("x").specifications
-        assert [(run.budget, run.own_budget) for run in runs[:2]] == [(30, False), (90, True)]
-        assert len({run.stem for run in runs}) == len(runs) == 8
-        assert [run.seed for run in runs] == [0] * 4 + [1] * 4
-        assert {run.budget for run in make_suite("x", budget=7).specifications} == {7}
+    runs = make_suite("x", recipe).specifications
+    assert [(run.budget, run.own_budget) for run in runs[:2]] == [(30, False), (90, True)]
+    assert len({run.stem for run in runs}) == len(runs) == 8
+    assert [run.seed for run in runs] == [0] * 4 + [1] * 4
+    assert {run.budget for run in make_suite("x", recipe, budget=7).specifications} == {7}
+    assert runs[0].record.suite.labels == ("A", "B")
 
 
 def test_the_suite_push_holds_out_every_target():
-    runs = [run for run in make_suite("push").specifications if run.label == "ACNMP"]
-    identities = [(run.protocol.identity["target"], run.seed) for run in runs]
+    suite = make_suite("push", find_recipe("push"))
+    protocols = [run.record.protocol for run in suite.specifications if run.label == "ACNMP"]
+    seeds = [run.seed for run in suite.specifications if run.label == "ACNMP"]
+    identities = [(p.number, seed) for p, seed in zip(protocols, seeds, strict=True)]
     assert sorted(identities) == [(target, seed) for target in range(10) for seed in range(5)]
-    outer = {
-        run.protocol.identity["target"] for run in runs if run.protocol.identity["extrapolation"]
-    }
-    assert outer == {2, 9}
+    assert {p.number for p in protocols if p.kind == "extrapolation"} == {2, 9}

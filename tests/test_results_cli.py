@@ -8,31 +8,34 @@ from matplotlib.image import imread
 from PIL import Image
 from rich.console import Console
 
-from results import suites
-from results.bottles import mode_of
 from results.cli import main
 from results.exceptions import BenchmarkError
-from results.plot import enlarged_limits, learning_curves
-from results.records import curves_frame, read_records, runs_frame
+from results.harness.record_files import read_records
+from results.harness.records import labels_of
+from results.harness.specification import Algorithm, plain
+from results.harness.suite import Recipe, make_suite, parse_seeds
+from results.one_context.figures import enlarged_limits, learning_curves
+from results.one_context.protocol import OneContext
+from results.one_context.summary import frame
+from results.one_context.tables import tables
 from results.render import GAP, RenderRequest, chosen_rollout, write_frames
-from results.specification import Algorithm, plain
-from results.suites import SUITES, Recipe, make_suite, parse_seeds
-from results.table import markdown_table, terminal_table
+from results.report.frames import curves_frame
+from results.suites import describe_suites, find_recipe, suite_names
 from sb3_nmp.common.noise import SmoothNoise
+from tests.results_fakes import suite_of
 
 FAKES = {
-    "Hill": Algorithm("tests.results_fakes:HillClimber"),
-    "Broken": Algorithm("tests.results_fakes:Broken"),
-    "Absent": Algorithm("tests.results_fakes:NoSuchClass"),
+    "Hill": Algorithm("hill", "tests.results_fakes:HillClimber", description="climbs"),
+    "Broken": Algorithm("broken", "tests.results_fakes:Broken"),
+    "Absent": Algorithm("absent", "tests.results_fakes:NoSuchClass"),
 }
 
 
 @pytest.fixture(scope="module", autouse=True)
 def fake_suite():
     """A suite of cheap algorithms."""
-    recipe = Recipe("fakes", FAKES, {"nmp/Bottles-v0": {}}, 12, 2)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(suites.SUITES, "fakes", recipe)
+    recipe = Recipe(FAKES, {"nmp/Bottles-v0": {}}, 12, 2, (OneContext(),))
+    with suite_of({"fakes": recipe}):
         yield
 
 
@@ -46,7 +49,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def shown(folder: Path, width: int) -> str:
     console = Console(file=io.StringIO(), width=width, color_system=None)
-    console.print(terminal_table(runs_frame(read_records(folder)), list(FAKES), width))
+    console.print(tables(frame(read_records(folder).records), list(FAKES)).terminal(width))
     file = console.file
     assert isinstance(file, io.StringIO)
     return file.getvalue()
@@ -68,16 +71,19 @@ def test_table_shows_the_greedy_policy_and_the_best_rollout_alike(
 
 
 def test_table_gives_the_reason_of_failed_runs_and_empty_cells(folder: Path):
-    for text in (shown(folder, 120), markdown_table(runs_frame(read_records(folder)))):
+    runs = frame(read_records(folder).records)
+    for text in (shown(folder, 120), tables(runs).markdown()):
         assert "2 failed" in text and "Absent on nmp/Bottles-v0" in text
         assert "the matrix is singular (seeds 0)" in text
         assert "NoSuchClass" in text
         assert "one seed" in text
-        assert "Commit" in text
+        assert "Commit" in text and "Hill: climbs." in text
 
 
 def test_an_algorithm_of_the_suite_without_runs_is_shown(folder: Path):
-    assert "not run" in markdown_table(runs_frame(read_records(folder)), ["Other", *FAKES])
+    records = read_records(folder).records
+    assert labels_of(records) == list(FAKES)
+    assert "not run" in tables(frame(records), ["Other", *FAKES]).markdown()
 
 
 @pytest.mark.parametrize("width", [80, 100, 120])
@@ -89,14 +95,14 @@ def test_table_fits_the_terminal(folder: Path, width: int):
 
 def test_plots_are_drawn(folder: Path):
     assert main(["plot", "--runs", str(folder)]) == 0
-    for name in ("curves_bottles-v0.png", "paths_bottles-v0.png"):
+    for name in ("curves_bottles-v0.png", "rollouts_bottles-v0.png"):
         picture = imread(folder / name)
         assert picture.shape[0] > 400 and picture.shape[1] > 900
         assert len(np.unique(picture[..., 0])) > 10
 
 
 def test_curves_name_their_axes_and_seeds(folder: Path):
-    figure = learning_curves(curves_frame(read_records(folder)), list(FAKES))
+    figure = learning_curves(curves_frame(read_records(folder).records), list(FAKES))
     assert [axes.get_xlabel() for axes in figure.axes] == ["rollouts"] * 3
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert labels == ["Hill (2 seeds)", "Broken (1 seed)"]
@@ -114,13 +120,6 @@ def test_enlarged_panel_shows_the_solved_runs():
     )
     low, high = enlarged_limits(curves)
     assert -0.2 < low < -0.13 < high < -0.1
-
-
-def test_mode_is_the_side_of_the_first_bottle():
-    right = np.array([[0.5, -0.4], [0.58, -0.2], [0.42, 0.0], [0.5, 0.4]])
-    assert mode_of(right) == "s"
-    assert mode_of(right * [-1, 1] + [1.0, 0.0]) == "reverse_s"
-    assert mode_of(right, [0.6, -0.2, 0.5, 0.0]) == "reverse_s"
 
 
 def test_pictures_of_a_rollout_become_a_film_or_a_sheet(tmp_path: Path):
@@ -144,7 +143,7 @@ def test_a_run_can_be_rendered_from_its_file(folder: Path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["run", "--suite", "nope"], "there are quick, bottles, ablations"),
+        (["run", "--suite", "nope"], "there are ablations, aperture, aperture-ablations, bottles"),
         (["table", "table-5.1"], "'nmp-bench run --suite push' and 'nmp-bench run --suite aper"),
         (["table", "table-5.1", "--suite", "push"], "leave out --suite"),
         (["run", "--suite", "fakes", "--algorithms", "nope"], "it has Hill, Broken, Absent"),
@@ -152,8 +151,8 @@ def test_a_run_can_be_rendered_from_its_file(folder: Path):
         (["run", "--suite", "fakes", "--seeds", "5-3"], "write how many"),
         (["run", "--suite", "fakes", "--budget", "0"], "at least 1 rollout"),
         (["run", "--suite", "fakes", "--workers", "0"], "at least 1 process"),
-        (["table", "--runs", "nowhere"], "holds no runs"),
-        (["plot", "--suite", "nope"], "there are quick, bottles, ablations"),
+        (["table", "--runs", "nowhere"], "holds no readable runs"),
+        (["plot", "--suite", "nope"], "there are ablations, aperture, aperture-ablations, bottles"),
         (["render", "nmp/Bottles-v0", "--expert", "s", "--out", "x.jpg"], ".gif, .mp4, .png"),
         (["render", "nmp/Bottles-v0", "--expert", "z", "--out", "x.gif"], "s, reverse_s"),
         (["render", "nmp/Bottle-v0", "--expert", "s", "--out", "x.gif"], "nmp/Bottles-v0"),
@@ -184,14 +183,16 @@ def test_help_is_given(command: list[str], capsys: pytest.CaptureFixture[str]):
 
 
 def test_algorithms_are_found_whatever_their_case_and_punctuation():
-    assert make_suite("quick", labels=["rcnmp", "reps"]).labels == ["RC-NMP", "REPS"]
+    quick = make_suite("quick", find_recipe("quick"), labels=["rcnmp", "reps"])
+    assert quick.labels == ["RC-NMP", "REPS"]
 
 
-@pytest.mark.parametrize("name", [name for name in SUITES if SUITES[name].algorithms])
+@pytest.mark.parametrize("name", suite_names())
 def test_runs_of_a_suite_have_files_of_their_own(name: str):
-    runs = make_suite(name, seeds=range(3)).specifications
+    runs = make_suite(name, find_recipe(name), seeds=range(3)).specifications
     assert len({run.stem for run in runs}) == len(runs)
-    assert all(run.as_dict() for run in runs)
+    assert all(run.record for run in runs)
+    assert "seeds" in describe_suites()[name]
 
 
 def test_seeds_are_read():
@@ -203,7 +204,7 @@ def test_seeds_are_read():
 
 def test_settings_become_plain_values():
     noise = plain({"mutation": SmoothNoise(0.1), "sizes": (1, 2), "none": None})
-    assert noise["mutation"]["class"] == "sb3_nmp.common.noise:SmoothNoise"
+    assert noise["mutation"]["settings"] == "smooth-noise"
     assert noise["mutation"]["sigma"] == 0.1 and noise["sizes"] == [1, 2]
     with pytest.raises(BenchmarkError, match="plain values"):
         plain({"function": lambda: None})

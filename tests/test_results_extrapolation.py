@@ -4,40 +4,57 @@ import json
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
 from benchmark_envs import TaskError, extrapolation, make_task
-from results.adaptation import adaptation_frame, kind_of, yardstick
+from results.adaptation.figures import figures
+from results.adaptation.protocol import Extrapolation
+from results.adaptation.summary import frame
 from results.cli import main
 from results.exceptions import BenchmarkError
-from results.protocols import Extrapolation
-from results.records import Record, read_records, write_record
+from results.harness.environments import RunTask
+from results.harness.record_files import read_records, write_record
+from results.harness.records import (
+    ContextRecord,
+    ProtocolRecord,
+    RolloutRecord,
+    RunRecord,
+    SuiteRecord,
+    labels_of,
+)
+from results.harness.runner import execute
+from results.harness.specification import Algorithm, RunSpecification
 from results.reports import report_for
-from results.runner import execute
-from results.specification import Algorithm, RunSpecification
-from results.thesis_table_5_2 import PICK, POURING, mean_joint_errors, table_5_2
+from results.suites import find_recipe
+from results.thesis.table_5_2 import mean_joint_errors
+from results.thesis.table_5_2 import table as table_5_2
+from tests.records_fakes import finished_run, specification
+
+PICK, POURING = "nmp/PickAndPlace-v0", "nmp/Pouring-v0"
 
 
-def record(task: str, target: int, seed: int, curve: dict[str, list[Any]]) -> Record:
+def record(task: str, target: int, seed: int, curve: dict[str, list[Any]]) -> RunRecord:
     """A finished run of ACNMP: a demonstration at first, the expert's answer at last."""
     shown, context = extrapolation(task, target)
     physics = make_task(task)
-    run = RunSpecification(
-        "ACNMP", Algorithm("sb3_nmp.acnmp:ACNMP"), task, seed, 18, protocol=Extrapolation(target)
-    )
     first, last = (physics.initial_trajectory(c) for c in (shown[0], context))
     if task == PICK:  # pouring is about amounts alone, and its expert has to simulate
         first, last = physics.demonstrate(shown[0]), physics.demonstrate(context)
-    return {
-        "outcome": "finished",
-        "specification": run.as_dict(),
-        "provenance": {"commit": "c0ffee", "dirty": False},
-        "seconds": {"training": 1.0, "evaluation": 0.0},
-        "curve": curve,
-        "greedy": {"context": context.tolist(), "trajectory": last.tolist()},
-        "untrained": {"trajectory": first.tolist()},
-    }
+    recipe = find_recipe("pick-and-place" if task == PICK else "pouring")
+    asked = specification(
+        "ACNMP", seed, task, 18, ProtocolRecord("extrapolation", {}, target, f"context {target}"),
+        SuiteRecord("", (), recipe.checkpoints, recipe.published),
+    )  # fmt: skip
+    rollouts = {"greedy": last, "untrained": first, "expert": last}
+    return finished_run(
+        asked,
+        curve,
+        RunTask(task, 0, 1).task_record,
+        context=ContextRecord(tuple(context.tolist())),
+        rollouts={name: RolloutRecord(path.tolist()) for name, path in rollouts.items()},
+    )
 
 
 def curve(errors: list[float]) -> dict[str, list[Any]]:
@@ -86,16 +103,14 @@ def test_the_split_names_what_exists() -> None:
 
 def test_a_run_is_shown_the_demonstrations_and_begins_with_the_untrained_answer() -> None:
     short = {"pretraining": _short_pretraining(), "population_size": 1}
-    run = RunSpecification(
-        "ACNMP", Algorithm("sb3_nmp.acnmp:ACNMP", short), PICK, 3, 2, protocol=Extrapolation(1)
-    )
-    done = execute(run)
-    assert done["curve"]["rollouts"][0] == 0
-    assert done["greedy"]["context"] == [0.09, 0.11]
-    assert np.shape(done["untrained"]["trajectory"]) == (200, 6)
+    algorithm = Algorithm("acnmp", "sb3_nmp:ACNMP", short)
+    run = RunSpecification("ACNMP", algorithm, PICK, 3, 2, Extrapolation(1))
+    done = execute(run).measured
+    assert done.curve["rollouts"][0] == 0
+    assert done.context is not None and done.context.values == (0.09, 0.11)
+    assert np.shape(done.rollouts["untrained"].trajectory) == (200, 6)
     assert run.stem.endswith("pickandplace-v0_target-01_seed-003")
-    text = json.dumps(done)
-    assert len(text) < 60_000, "records are small"
+    assert len(json.dumps(msgspec.to_builtins(done))) < 80_000, "records are small"
 
 
 def _short_pretraining() -> object:
@@ -105,27 +120,26 @@ def _short_pretraining() -> object:
 
 
 def test_each_context_has_a_table_of_its_own(folder: Path) -> None:
-    records = read_records(folder / "pick-and-place")
+    records = read_records(folder / "pick-and-place").records
     report = report_for(records)
-    text = report.markdown(report.frame(records), ["ACNMP"])
+    text = report.tables(report.frame(records), labels_of(records)).markdown()
     assert "context 0: object height [m] 0.08, tower height [m] 0.1" in text
     assert "context 1: object height [m] 0.09, tower height [m] 0.11" in text
-    assert "error [m] at 100" in text and "worst at 100" in text
+    assert "within 100" in text and "error [m] at 0 |" in text
     with pytest.raises(BenchmarkError, match="--reference has no meaning for extrapolation runs"):
-        report.with_references([Path("x.npy")])
+        figures(records, ["ACNMP"], [Path("x.npy")])
 
 
-def test_kinds_and_yardsticks() -> None:
-    assert (kind_of(3, False), kind_of(3, float("nan"))) == ("interpolation", "context 3")
-    assert yardstick(POURING).checkpoints == (0, 6, 12, 18)
-    assert yardstick("other").published == 130
+def test_the_suites_tell_their_checkpoints() -> None:
+    assert find_recipe("pouring").checkpoints == (0, 6, 12, 18)
+    assert find_recipe("push").published == 130
 
 
 def test_errors_are_reported_at_the_tasks_own_checkpoints(folder: Path) -> None:
-    frame = adaptation_frame(read_records(folder / "pouring"))
-    assert frame["error_0"].tolist() == [842, 843, 844]
-    assert frame["error_18"].tolist() == [5, 6, 7]
-    assert np.isnan(frame["error_40"].to_numpy(float)).all()
+    runs = frame(read_records(folder / "pouring").records)
+    assert runs["error_0"].tolist() == [842, 843, 844]
+    assert runs["error_18"].tolist() == [5, 6, 7]
+    assert "error_40" not in runs
 
 
 def test_joint_errors_are_mean_absolute_degrees() -> None:
@@ -154,16 +168,16 @@ def test_table_5_2_tells_what_to_run(folder: Path, tmp_path: Path) -> None:
     only = tmp_path / "only"
     only.mkdir()
     (only / "pouring").symlink_to(folder / "pouring")
-    tables, sections = table_5_2(only)
-    assert tables[0].title.startswith("Table 5.2, right")
-    assert "--suite pick-and-place" in dict((s[0], s[1]) for s in sections)["Missing runs"][0]
+    page = table_5_2(only)
+    assert page.tables[0].title.startswith("Table 5.2, right")
+    (missing,) = (section for section in page.sections if section.title == "Missing runs")
+    assert "--suite pick-and-place" in missing.lines[0]
 
 
 def test_curves_have_a_panel_for_each_context(folder: Path) -> None:
     for suite, panels in (("pick-and-place", 2), ("pouring", 1)):
-        records = read_records(folder / suite)
-        figures = report_for(records).figures(records, ["ACNMP"])
-        (figure,) = figures.values()
+        records = read_records(folder / suite).records
+        (figure,) = figures(records, ["ACNMP"]).values()
         visible = [axes for axes in figure.axes if axes.get_visible()]
         assert len(visible) == panels
         assert visible[0].lines[0].get_xydata().shape[0] >= 2  # type: ignore[union-attr]

@@ -3,45 +3,43 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.image import imread
 
-from results import suites
+from results.adaptation.protocol import LeaveOneOut
 from results.cli import main
 from results.exceptions import BenchmarkError
-from results.plot_streams import by_seed_on_grid, stream_curves
-from results.protocols import LeaveOneOut, Stream
-from results.records import Record, curves_frame, read_records
-from results.specification import Algorithm
-from results.streams import mean_interval, stream_frame, stream_tables, summarise_stream
-from results.suites import Recipe
-from results.text_table import markdown_page
-from results.thesis_table_5_1 import table_5_1
-from tests.results_fakes import TARGET_TASK, target_task
+from results.harness.record_files import read_records
+from results.harness.records import ProtocolRecord, RunRecord
+from results.harness.specification import Algorithm
+from results.harness.suite import Recipe
+from results.report.frames import curves_frame
+from results.report.statistics import mean_interval
+from results.stream.figures import by_seed_on_grid, stream_curves
+from results.stream.protocol import Stream
+from results.stream.summary import frame, summarise
+from results.stream.tables import tables
+from results.thesis.table_5_1 import table as table_5_1
+from tests.records_fakes import finished_run, specification
+from tests.results_fakes import TARGET_TASK, suite_of, target_task
 
 TASK = "nmp/Aperture-v0"
-ADAPTIVE = Algorithm("tests.results_fakes:Adaptive")
+ADAPTIVE = Algorithm("adaptive", "tests.results_fakes:Adaptive")
 
 
-def record(label: str, seed: int, rates: dict[int, float], in_contexts: list[int]) -> Record:
-    specification = {"task": TASK, "label": label, "seed": seed, "budget": 1000}
-    return {
-        "outcome": "finished",
-        "specification": specification | {"protocol": {"name": "stream"}},
-        "provenance": {"commit": "c0ffee", "dirty": False},
-        "seconds": {"training": 10.0 + seed},
-        "curve": {
-            "rollouts": list(rates),
-            "contexts": [min(count // 2, len(in_contexts)) for count in rates],
-            "failure_rate": list(rates.values()),
-            "mean_reward": [-rate for rate in rates.values()],
-        },
-        "contexts": {"rollouts": in_contexts, "exhausted": True},
+def record(label: str, seed: int, rates: dict[int, float], in_contexts: list[int]) -> RunRecord:
+    asked = specification(label, seed, TASK, 1000, ProtocolRecord("stream"))
+    curve = {
+        "rollouts": list(rates),
+        "contexts": [min(count // 2, len(in_contexts)) for count in rates],
+        "failure_rate": list(rates.values()),
+        "mean_reward": [-rate for rate in rates.values()],
     }
+    visits = {"contexts": {"rollouts": in_contexts, "exhausted": True}}
+    return finished_run(asked, curve, training=10.0 + seed, more=visits)
 
 
 RECORDS = [
@@ -52,7 +50,7 @@ RECORDS = [
 
 
 def test_summary_equals_hand_computation():
-    summary = summarise_stream(stream_frame(RECORDS), ["A", "B", "C"]).set_index("label")
+    summary = summarise(frame(RECORDS), ["A", "B", "C"]).set_index("label")
     a = summary.loc["A"]
     assert a["first_failure_rate_mean"] == pytest.approx(0.4)
     assert a["failure_rate_mean"] == pytest.approx(0.05)
@@ -65,7 +63,7 @@ def test_summary_equals_hand_computation():
 
 
 def test_a_rate_counts_from_where_it_stays():
-    runs = stream_frame(RECORDS)
+    runs = frame(RECORDS)
     assert runs["rollouts_to_0.0906"].tolist() == [200.0, 100.0, math.inf]
     assert runs["rollouts_to_0.02"].tolist() == [math.inf, 100.0, math.inf]
 
@@ -81,8 +79,8 @@ def test_mean_interval_works_along_a_curve():
 
 
 def test_table_tells_rates_prices_and_intervals():
-    runs = stream_frame(RECORDS)
-    text = markdown_page(*stream_tables(runs, ["A", "B", "C"]))
+    runs = frame(RECORDS)
+    text = tables(runs, ["A", "B", "C"]).markdown()
     assert "| A | 2 | 40.0 % [30.0,50.0] | 5.0 % [1.0,9.0] | 150 (125–175) | >300 (>300) |" in text
     assert "40.0 % one seed" in text and "| C | 0 | not run |" in text
 
@@ -109,16 +107,16 @@ def test_figure_shows_contexts_and_rollouts():
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Runs of small suites that bear the names of the thesis's."""
-    absent = Algorithm("tests.results_fakes:NoSuchClass")
+    absent = Algorithm("absent", "tests.results_fakes:NoSuchClass")
     algorithms = {"ACNMP": ADAPTIVE, "ProMP+RL (Stark)": absent, "ProMP+RL (Ewerton)": ADAPTIVE}
     held_out = tuple(LeaveOneOut(target, target in (2, 9)) for target in (4, 9))
-    tasks: dict[str, Any] = {TARGET_TASK: {}}
-    stream = (Stream(4, 8, 20),)
+    recipes = {
+        "push": Recipe(algorithms, {TARGET_TASK: {}}, 45, 2, held_out),
+        "aperture": Recipe(algorithms, {TARGET_TASK: {}}, 60, 2, (Stream(4, 8, 20),)),
+    }
     out = tmp_path_factory.mktemp("runs")
-    with target_task(), pytest.MonkeyPatch.context() as patch:
-        patch.setitem(suites.SUITES, "push", Recipe("x", algorithms, tasks, 45, 2, held_out))
-        patch.setitem(suites.SUITES, "aperture", Recipe("y", algorithms, tasks, 60, 2, stream))
-        for name in ("push", "aperture"):
+    with target_task(), suite_of(recipes):
+        for name in recipes:
             arguments = ["run", "--suite", name, "--out", str(out / name), "--workers", "1"]
             assert main(arguments) == 0
         yield out
@@ -158,7 +156,7 @@ def test_table_5_1_stands_beside_the_thesis(folder: Path, capsys: pytest.Capture
     assert row.endswith("| 5 | 5 |")
     (row,) = (line for line in text.splitlines() if line.startswith("| pushing"))
     assert "(worst " in row and row.endswith("| failed |")
-    assert f"- pushing: nmp-bench run --suite push --out {folder / 'push'}\n" in text
+    assert f"- push: nmp-bench run --suite push --out {folder / 'push'}\n" in text
     assert "Written" in printed and "…" not in printed
 
 
@@ -166,9 +164,9 @@ def test_table_5_1_tells_what_to_run(folder: Path, tmp_path: Path):
     with pytest.raises(BenchmarkError, match=r"run --suite push --out .* and .* --suite aperture"):
         table_5_1(tmp_path)
     (tmp_path / "aperture").symlink_to(folder / "aperture")
-    text = markdown_page(*table_5_1(tmp_path))
+    text = table_5_1(tmp_path).markdown()
     assert "| not run | not run |" in text
-    assert f"- pushing: nmp-bench run --suite push --out {tmp_path / 'push'}\n" in text
+    assert f"- push: nmp-bench run --suite push --out {tmp_path / 'push'}\n" in text
     (tmp_path / "push").symlink_to(folder / "aperture")
     with pytest.raises(BenchmarkError, match="runs of the protocol stream"):
         table_5_1(tmp_path)
@@ -181,5 +179,5 @@ def test_a_stream_has_no_rollout_to_draw(folder: Path, capsys: pytest.CaptureFix
 
 
 def test_the_records_are_small(folder: Path):
-    assert len(read_records(folder / "aperture")) == 6
+    assert len(read_records(folder / "aperture").records) == 6
     assert all(path.stat().st_size < 20_000 for path in folder.rglob("*.json"))

@@ -22,7 +22,7 @@ import torch as th
 
 from benchmark_envs import TrajectoryEnv, leave_one_out, make_task
 from benchmark_envs.tasks.push import EXTRAPOLATION_TARGETS
-from results.suites import PUSH_ABLATIONS
+from results.suites.push_ablations import ALGORITHMS
 from sb3_nmp import ACNMP, Demonstrations
 
 LABELS = ("ACNMP", "no latents", "policy gradient, to go", "RL only")
@@ -57,7 +57,7 @@ def roughness(trajectories: np.ndarray) -> float:
 def measure(label: str, target: int, seed: int) -> tuple[float, ...]:
     """Adapt once: solved, path error in m^2, shape, answer's shape, roughness and forgetting.
 
-    :param label: of `PUSH_ABLATIONS`
+    :param label: of the suite push-ablations
     :param target: that is left out
     :param seed: of the run
     """
@@ -66,7 +66,7 @@ def measure(label: str, target: int, seed: int) -> tuple[float, ...]:
     shown, held_out = leave_one_out("nmp/Push-v0", target)
     demonstrations = Demonstrations.from_task(task, shown)
     env = TrajectoryEnv(task, context=held_out)
-    settings = dict(PUSH_ABLATIONS[label].settings)
+    settings = dict(ALGORITHMS[label].settings)
     model = ACNMP("MlpPolicy", env, demonstrations=demonstrations, seed=seed, **settings)
     model.learn(BUDGET)
     found = model.predict(held_out.astype(np.float32), deterministic=True)[0]

@@ -16,9 +16,10 @@ from typing import Any
 
 from joblib import Parallel, delayed
 
-from results.runner import execute
-from results.specification import RunSpecification
-from results.suites import SUITES, make_suite
+from results.harness.runner import execute
+from results.harness.specification import RunSpecification
+from results.harness.suite import make_suite
+from results.suites import find_recipe
 
 SEED = 1000
 #: by suite: the rollouts of a run, and the numbered contexts that are run
@@ -41,21 +42,31 @@ LABELS = {
 def specifications() -> Iterator[RunSpecification]:
     """Yield the runs."""
     for suite, (budget, numbers) in SUITE_RUNS.items():
-        protocols = [SUITES[suite].protocols[number % len(SUITES[suite].protocols)]
-                     for number in numbers]  # fmt: skip
-        runs = make_suite(suite, [SEED], budget, LABELS.get(suite)).specifications
+        recipe = find_recipe(suite)
+        protocols = [recipe.protocols[number % len(recipe.protocols)] for number in numbers]
+        runs = make_suite(suite, recipe, [SEED], budget, LABELS.get(suite)).specifications
         yield from (run for run in runs if run.protocol in protocols)
-    for run in make_suite("quick", [SEED + 1], 60).specifications:
+    for run in make_suite("quick", find_recipe("quick"), [SEED + 1], 60).specifications:
         yield replace(run, task_settings={"random_bottles": True})
 
 
 def outcome(run: RunSpecification) -> dict[str, Any]:
-    """Do a run and return all that it recorded but the time it took.
+    """Do a run and return its curve, the policy's trajectories, and whatever else was measured.
 
     :param run: what to run
     """
-    record = execute(run)
-    return {key: value for key, value in record.items() if key != "seconds"}
+    measured = execute(run).measured
+    found: dict[str, Any] = {"curve": measured.curve, **measured.more}
+    if measured.context is not None:
+        greedy = measured.rollouts["greedy"]
+        found["greedy"] = {
+            "context": list(measured.context.values),
+            "trajectory": greedy.trajectory,
+            "executed": greedy.executed,
+        }
+    if "untrained" in measured.rollouts:
+        found["untrained"] = {"trajectory": measured.rollouts["untrained"].trajectory}
+    return found
 
 
 def record(path: Path) -> None:

@@ -1,0 +1,1 @@
+"""Adaptation to one held-out context after demonstrations of others."""

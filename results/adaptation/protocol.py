@@ -1,0 +1,116 @@
+"""The protocols of adaptation: `LeaveOneOut` and `Extrapolation`."""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+from benchmark_envs import extrapolation, leave_one_out
+from results.harness.environments import FloatArray, RunTask
+from results.harness.greedy import DECIMALS, GreedyEvaluation
+from results.harness.protocol import OnRollouts, PreparedRun, Protocol
+from results.harness.records import Curve, Measurements, RolloutRecord
+
+
+class AdaptationEvaluation(GreedyEvaluation):
+    """Keeps the rows that change something, and the expert's answer beside the policy's."""
+
+    expert: FloatArray | None = None
+
+    def measured(self) -> Measurements:
+        """Return the curve, the first and last greedy rollout, and the expert's trajectory."""
+        measured = super().measured()
+        if self.expert is not None:
+            shown = RolloutRecord(self.expert.round(DECIMALS).tolist())
+            measured.rollouts["expert"] = shown
+        return measured
+
+
+class Adaptation(Protocol):
+    """Adapt to one numbered context after demonstrations of others."""
+
+    target: int
+
+    @abstractmethod
+    def split(self, task_id: str) -> tuple[FloatArray, FloatArray]:
+        """Return the contexts to demonstrate, shape (K, C), and the one to adapt to, shape (C,).
+
+        :param task_id: of the task
+        """
+
+    @property
+    def number(self) -> int:
+        """The number of the context to adapt to."""
+        return self.target
+
+    def prepare(self, run: RunTask, on_rollouts: OnRollouts | None = None) -> PreparedRun:
+        """Demonstrate the other contexts, and pin the environment to the one to adapt to.
+
+        :param run: its task, seed and budget
+        :param on_rollouts: told the number of rollouts so far
+        """
+        contexts, held_out = self.split(run.task_id)
+        evaluation = AdaptationEvaluation(
+            run.task, held_out, on_rollouts, from_start=run.pretrained, changes_only=True
+        )
+        evaluation.expert = run.expert(held_out)
+        environments = run.environments(held_out)
+        shown = run.demonstrated(contexts)
+        return PreparedRun(environments, evaluation, run.task_record, shown)
+
+    def headline(self, curve: Curve) -> str:
+        """Say whether the run solved its context, and its last greedy error.
+
+        :param curve: of its record
+        """
+        solved = "solved" if curve["greedy_success"][-1] else "not solved"
+        return f"{solved}, greedy error {0.0 - curve['greedy_reward'][-1]:.4f}"
+
+
+@dataclass(frozen=True)
+class LeaveOneOut(Adaptation):
+    """Adapt to one of a task's numbered targets after demonstrations at all others (thesis 5.2.2).
+
+    :param target: the number of the target that is held out
+    :param extrapolation: whether it lies beyond the others, which tables keep apart
+    """
+
+    target: int
+    extrapolation: bool
+
+    name: ClassVar[str] = "leave-one-out"
+
+    @property
+    def kind(self) -> str:
+        """Whether the target lies beyond the others or between them."""
+        return "extrapolation" if self.extrapolation else "interpolation"
+
+    def split(self, task_id: str) -> tuple[FloatArray, FloatArray]:
+        """Return the contexts of the other targets and of this one.
+
+        :param task_id: of the task
+        """
+        return leave_one_out(task_id, self.target)
+
+
+@dataclass(frozen=True)
+class Extrapolation(Adaptation):
+    """Adapt to a context far from a task's set of demonstrations (thesis 5.2.4).
+
+    :param target: the number of the context
+    """
+
+    target: int
+
+    name: ClassVar[str] = "extrapolation"
+
+    @property
+    def kind(self) -> str:
+        """Each context is a kind of its own."""
+        return f"context {self.target}"
+
+    def split(self, task_id: str) -> tuple[FloatArray, FloatArray]:
+        """Return the demonstrated contexts, and the one of this number.
+
+        :param task_id: of the task
+        """
+        return extrapolation(task_id, self.target)

@@ -1,0 +1,35 @@
+"""`Evaluation`: the callback that writes a run's curve while it learns."""
+
+import time
+from abc import abstractmethod
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from stable_baselines3.common.callbacks import BaseCallback
+
+from results.harness.records import Measurements
+
+
+class Evaluation(BaseCallback):
+    """A callback that writes a run's curve while it learns.
+
+    :param on_rollouts: told the number of rollouts so far after every step
+    """
+
+    def __init__(self, on_rollouts: Callable[[int], None] | None = None) -> None:
+        super().__init__()
+        self.on_rollouts = on_rollouts or (lambda _: None)
+        self.rows: list[dict[str, Any]] = []
+        self.seconds = 0.0
+
+    @abstractmethod
+    def measured(self) -> Measurements:
+        """Return what a finished run's record holds of it."""
+
+    @contextmanager
+    def stopwatch(self) -> Iterator[None]:
+        """Count the time inside as ``seconds`` of evaluation."""
+        start = time.perf_counter()
+        yield
+        self.seconds += time.perf_counter() - start

@@ -1,0 +1,155 @@
+"""`GreedyEvaluation`: the curve of a run in one context."""
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark_envs import Rollouts, Task
+from results.harness.evaluation import Evaluation
+from results.harness.records import ContextRecord, Measurements, RolloutRecord
+
+CURVE_COLUMNS = (
+    "rollouts",
+    "best_reward",
+    "best_success",
+    "any_success",
+    "greedy_reward",
+    "greedy_success",
+)
+DECIMALS = 5  # of the trajectories that records keep
+
+
+class GreedyEvaluation(Evaluation):
+    """Writes one row of the learning curve after every step of the environments.
+
+    A row tells what the algorithm knows from its first ``rollouts`` rollouts: the best of them,
+    whether any of them succeeded, and the outcome of the greedy trajectory
+    (``predict(context, deterministic=True)``) of the policy that those rollouts gave, any update
+    at the end of a generation included. Greedy trajectories run in a task of their own and are
+    not counted as rollouts. As the simulation is deterministic, one that has not changed is not
+    run again.
+
+    :param task: in which greedy trajectories run
+    :param context: the run's one context, shape (C,)
+    :param on_rollouts: told the number of rollouts so far after every step
+    :param from_start: begin with a row for 0 rollouts; the algorithm must have a policy by then
+    :param changes_only: leave out rows that repeat the one before, but for the last
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        context: NDArray[np.float64],
+        on_rollouts: Callable[[int], None] | None = None,
+        from_start: bool = False,
+        changes_only: bool = False,
+    ) -> None:
+        super().__init__(on_rollouts)
+        self.task = task
+        self.context = context
+        self.from_start = from_start
+        self.changes_only = changes_only
+        self._evaluated = b""
+        self._greedy: Rollouts | None = None
+        self._first: Rollouts | None = None
+        self._best: tuple[float, bool] = (-np.inf, False)
+        self._any_success = False
+
+    @property
+    def greedy(self) -> Rollouts:
+        """The last greedy rollout, a batch of one."""
+        if self._greedy is None:
+            raise RuntimeError("no greedy trajectory has been evaluated yet: call learn() first.")
+        return self._greedy
+
+    @property
+    def curve(self) -> dict[str, list[Any]]:
+        """The rows, as lists by column; before the first rollout the best one is None."""
+        rows = changes(self.rows) if self.changes_only else self.rows
+        return {name: [row[name] for row in rows] for name in CURVE_COLUMNS}
+
+    def measured(self) -> Measurements:
+        """Return the curve and the last greedy rollout, and the one before any rollout."""
+        rollouts = {"greedy": self._rollout(self.greedy)}
+        if self.from_start and self._first is not None:
+            rollouts["untrained"] = self._rollout(self._first)
+        values = tuple(self.context.round(DECIMALS).tolist())
+        return Measurements(
+            self.curve, ContextRecord(values, self.task.scene(self.context)), rollouts
+        )
+
+    def _rollout(self, rollouts: Rollouts) -> RolloutRecord:
+        """Return a batch of one as a record keeps it."""
+        success, executed = bool(rollouts.successes[0]), rollouts.executed[0]
+        return RolloutRecord(
+            rollouts.trajectories[0].round(DECIMALS).tolist(),
+            executed.round(DECIMALS).tolist(),
+            success,
+            self.task.mode_of(self.context, executed) if success else "",
+        )
+
+    def _on_step(self) -> bool:
+        for reward, info in zip(self.locals["rewards"], self.locals["infos"], strict=True):
+            success = bool(info["is_success"])
+            self._any_success |= success
+            if float(reward) > self._best[0]:
+                self._best = (float(reward), success)
+        self._add_row()
+        self._evaluate()
+        self.on_rollouts(self.num_timesteps)
+        return True
+
+    def _on_rollout_start(self) -> None:
+        """Look again after a generation's update: the last row has not seen it."""
+        if self.from_start and not self.rows:
+            self._add_row()
+        if self.rows:
+            self._evaluate()
+
+    def _on_training_end(self) -> None:
+        """Look again after the last update."""
+        if self.rows:
+            self._evaluate()
+
+    def _add_row(self) -> None:
+        found = np.isfinite(self._best[0])
+        self.rows.append(
+            {
+                "rollouts": self.num_timesteps,
+                "best_reward": self._best[0] if found else None,
+                "best_success": self._best[1],
+                "any_success": self._any_success,
+            }
+        )
+
+    def _evaluate(self) -> None:
+        """Put the current greedy policy's outcome into the last row."""
+        with self.stopwatch():
+            action, _ = self.model.predict(self.context.astype(np.float32), deterministic=True)
+            trajectory = np.asarray(action)
+            if trajectory.tobytes() != self._evaluated:
+                self._greedy = self.task.simulate(self.context, trajectory)
+                if self._first is None:
+                    self._first = self._greedy
+                self._evaluated = trajectory.tobytes()
+        self.rows[-1] |= {
+            "greedy_reward": float(self.greedy.rewards[0]),
+            "greedy_success": bool(self.greedy.successes[0]),
+        }
+
+
+def changes(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the rows that differ from the one before in more than their rollouts, and the last.
+
+    :param rows: of a curve, at least one
+    """
+    unlike = [
+        row
+        for before, row in pairwise(rows)
+        if {**before, "rollouts": None} != {**row, "rollouts": None}
+    ]
+    kept = [rows[0], *unlike]
+    return kept if kept[-1] is rows[-1] else [*kept, rows[-1]]

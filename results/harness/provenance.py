@@ -1,0 +1,53 @@
+"""Where a result comes from: commit, versions, machine."""
+
+import platform
+import subprocess
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from results.harness.records import Provenance
+
+PACKAGES = (
+    "sb3-nmp",
+    "cma",
+    "gymnasium",
+    "mujoco",
+    "numpy",
+    "pandas",
+    "scikit-learn",
+    "scipy",
+    "stable-baselines3",
+    "torch",
+)
+
+
+def provenance() -> Provenance:
+    """Return the commit of this code (None outside its repository), versions, platform and date."""
+    tracked = _git("ls-files", "--error-unmatch", Path(__file__).name) is not None
+    commit = _git("rev-parse", "HEAD") if tracked else None
+    return Provenance(
+        commit=commit,
+        dirty=bool(_git("status", "--porcelain")) if commit else None,
+        packages={name: _version(name) for name in PACKAGES},
+        python=platform.python_version(),
+        platform=platform.platform(),
+        started=datetime.now(UTC).isoformat(timespec="seconds"),
+    )
+
+
+def _git(*arguments: str) -> str | None:
+    """Return what git answers in the folder of this file, None where it fails or is absent."""
+    command = ["git", "-C", str(Path(__file__).parent), *arguments]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=20)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None

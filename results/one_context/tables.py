@@ -1,0 +1,99 @@
+"""Tables of runs in one context."""
+
+import math
+from collections.abc import Hashable, Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from results.one_context.summary import VIEWS, compare, summarise
+from results.report.footnotes import descriptions, failures, origins, rollouts_cell
+from results.report.text_table import NOT_APPLICABLE, Cell, Page, Section, TextTable, row_cells
+
+COLUMNS = ("solved", "rollouts", "reward", "IQM")  # of each view
+HEADER = (
+    "algorithm",
+    "seeds",
+    *(f"{view}\n{column}" for view in VIEWS for column in COLUMNS),
+    "time\n[s]",
+)
+NOTES = (
+    "greedy: the policy that the rollouts so far gave, predict(context, deterministic=True), run "
+    "in a task of its own and not counted. best: the rollout of largest reward so far.",
+    "solved: runs that succeed at the end of the budget, with the 95 % Wilson interval. rollouts: "
+    "the count from which on they do, median (quartiles), unsolved runs beyond the budget. reward: "
+    "at the end of the budget, median. IQM: interquartile mean of the same, with its 95 % "
+    "bootstrap interval over seeds. time: median seconds per run on one thread, rollouts included, "
+    "greedy evaluations not.",
+)
+
+
+def tables(runs: pd.DataFrame, labels: Sequence[str] | None = None) -> Page:
+    """Return a table for each task, comparisons with the first algorithm, and notes.
+
+    :param runs: of `results.one_context.summary.frame`
+    :param labels: the algorithms in the order of the rows; those of ``runs`` by default
+    """
+    made = []
+    for task, summary in summarise(runs, labels).groupby("task"):
+        rows = tuple(_row(row) for row in summary.to_dict("records"))
+        breaks = (2 + len(COLUMNS),)
+        made.append(TextTable(_title(str(task), runs), HEADER, rows, breaks))
+    reference = (list(labels or []) or sorted(set(runs["label"])))[0]
+    return Page(
+        made,
+        [
+            Section("Failed runs", failures(runs), "red"),
+            Section("Comparisons", comparisons(runs, reference)),
+            Section("Notes", [*NOTES, *descriptions(runs), *origins(runs)], "dim"),
+        ],
+    )
+
+
+def comparisons(runs: pd.DataFrame, reference: str) -> list[str]:
+    """Return a line for each algorithm that the reference is compared with.
+
+    :param runs: one row a run
+    :param reference: the label of the algorithm that is compared with the others
+    """
+    return [
+        f"{row['reference']} beats {row['label']} with probability "
+        f"{_probability(row, 'reward')} in final greedy reward, "
+        f"{_probability(row, 'rollouts')} in rollouts to success."
+        for row in compare(runs, reference).to_dict("records")
+    ]
+
+
+def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
+    head = row_cells(row["label"], str(row["seeds"]), row["failed"])
+    if row["reason"]:
+        n_cells = len(VIEWS) * len(COLUMNS)
+        return (*head, *(((row["reason"], ""),) * n_cells), (NOT_APPLICABLE, ""))
+    cells = (cell for view in VIEWS for cell in _cells(row, view))
+    return (*head, *cells, (f"{row['training_seconds']:.1f}", ""))
+
+
+def _cells(row: Mapping[Hashable, Any], view: str) -> tuple[Cell, ...]:
+    """Return the cells of `COLUMNS`, each as its main line and its spread."""
+    percent = f"{100 * row[f'{view}_solved_low']:.0f}–{100 * row[f'{view}_solved_high']:.0f} %"
+    counts = {end: row[f"{view}_rollouts_{end}"] for end in ("median", "q25", "q75")}
+    low, high = row[f"{view}_iqm_low"], row[f"{view}_iqm_high"]
+    interval = "one seed" if math.isnan(low) else f"[{low:.4f},{high:.4f}]"
+    reward, mean = (f"{row[f'{view}_{name}']:.4f}" for name in ("reward_median", "iqm"))
+    return (
+        (f"{row[f'{view}_solved']:.0f}/{row['seeds']}", percent),
+        rollouts_cell(counts, row["budget"]),
+        (reward, ""),
+        (mean, interval),
+    )
+
+
+def _probability(row: Mapping[Hashable, Any], name: str) -> str:
+    low, high = row[f"{name}_low"], row[f"{name}_high"]
+    interval = "one seed" if math.isnan(low) else f"{low:.2f}–{high:.2f}"
+    return f"{row[f'{name}_p']:.2f} ({interval})"
+
+
+def _title(task: str, runs: pd.DataFrame) -> str:
+    budgets = ", ".join(str(b) for b in sorted(set(runs.loc[runs["task"] == task, "budget"])))
+    return f"{task}, budget {budgets} rollouts"

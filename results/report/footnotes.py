@@ -1,0 +1,80 @@
+"""What tables of every protocol say below themselves; pure functions of one row per run."""
+
+import math
+from collections.abc import Mapping
+
+import pandas as pd
+
+
+def failures(runs: pd.DataFrame) -> list[str]:
+    """Return a line for each reason why runs failed, with their seeds, and their targets.
+
+    :param runs: one row a run
+    """
+    failed = runs.loc[runs["outcome"] == "failed"].sort_values(["task", "label", "seed"])
+    seeds: dict[str, list[str]] = {}
+    for row in failed.to_dict("records"):
+        target = f", target {row['target']}" if row.get("target") is not None else ""
+        what = f"{row['label']} on {row['task']}{target}: {' '.join(row['reason'].split())}"
+        seeds.setdefault(what, []).append(str(row["seed"]))
+    return [f"{what} (seeds {', '.join(found)})" for what, found in seeds.items()]
+
+
+def descriptions(runs: pd.DataFrame) -> list[str]:
+    """Say in a line what the algorithms are, as far as their records describe them.
+
+    :param runs: one row a run
+    """
+    pairs = zip(runs["label"], runs["description"], strict=True)
+    told = {label: text for label, text in pairs if text}
+    return ["; ".join(f"{label}: {text}" for label, text in told.items()) + "."] if told else []
+
+
+def origins(runs: pd.DataFrame) -> list[str]:
+    """Tell the commits, and where the algorithms' seeds, targets or budgets differ.
+
+    :param runs: one row a run
+    """
+    commits = sorted(
+        {
+            f"{str(commit)[:10] if commit else 'unknown'}{' with local changes' if dirty else ''}"
+            for commit, dirty in zip(runs["commit"], runs["dirty"], strict=True)
+        }
+    )
+    plural = "s" if len(commits) > 1 else ""
+    notes = [f"Commit{plural}: {', '.join(commits)}."]
+    budgets = {str(label): max(of["budget"]) for label, of in runs.groupby("label")}
+    if len(set(budgets.values())) > 1:
+        listed = ", ".join(f"{label} {budget}" for label, budget in budgets.items())
+        notes.append(f"Budgets differ: {listed} rollouts.")
+    finished = runs.loc[runs["outcome"] == "finished"]
+    keys = [key for key in ("seed", "target") if key in runs]
+    groups = finished.groupby(["task", "label"])
+    if len({frozenset(map(tuple, group[keys].to_numpy())) for _, group in groups}) > 1:
+        what = " and ".join(f"{key}s" for key in keys)
+        notes.append(
+            f"The algorithms' finished {what} differ, so their numbers do not compare in full."
+        )
+    return notes
+
+
+def rollouts_text(count: float, budget: float) -> str:
+    """Return a count of rollouts, or that it is beyond the budget.
+
+    :param count: infinite where it is not known
+    :param budget: of the run
+    """
+    return f"{count:.0f}" if math.isfinite(count) else f">{budget:.0f}"
+
+
+def rollouts_cell(quartiles: Mapping[str, float], budget: float) -> tuple[str, str]:
+    """Return a median count of rollouts, and its quartiles.
+
+    >>> rollouts_cell({"median": 30.0, "q25": 20.0, "q75": math.inf}, 100)
+    ('30', '(20–>100)')
+
+    :param quartiles: ``median``, ``q25`` and ``q75``, infinite where not known
+    :param budget: of the runs
+    """
+    median, low, high = (rollouts_text(quartiles[q], budget) for q in ("median", "q25", "q75"))
+    return median, f"({low}–{high})" if low != high else f"({low})"

@@ -1,0 +1,1 @@
+"""Learning a policy for all contexts from a stream of them."""

@@ -1,0 +1,118 @@
+"""The learning curve of a run on a stream of contexts: how many unseen contexts fail."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark_envs import Task
+from results.harness.evaluation import Evaluation
+from results.harness.records import Measurements
+
+N_BY_ROLLOUTS = 24  # evaluations at counts of rollouts, evenly on a logarithmic scale
+N_BY_CONTEXTS = 20  # and at counts of contexts, evenly
+FIRST_ROLLOUTS = 20
+
+
+class StreamEvaluation(Evaluation):
+    """Tries the greedy policy in held-out contexts, now and then.
+
+    Each row of the curve tells after how many rollouts, in how many distinct contexts, which
+    share of the held-out contexts fails, and the mean reward there. All of them are tried in one
+    batch, in a task of their own; this is neither counted nor timed as training. An evaluation
+    that is due waits for the update of its generation. The run is stopped where it tries a context
+    beyond its allowance; that rollout reaches no update.
+
+    A context counts when a rollout is done in it, so an algorithm may come back to one (reset
+    option ``context``) and may turn one down.
+
+    :param task: in which greedy trajectories run
+    :param test_contexts: held-out contexts, shape (N, C)
+    :param n_contexts: distinct contexts that the run may try
+    :param budget: its rollouts
+    :param on_rollouts: told the number of rollouts so far after every step
+    :param from_start: evaluate before the first rollout, too
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        test_contexts: NDArray[np.float64],
+        n_contexts: int,
+        budget: int,
+        on_rollouts: Callable[[int], None] | None = None,
+        from_start: bool = False,
+    ) -> None:
+        super().__init__(on_rollouts)
+        self.task = task
+        self.test_contexts = test_contexts
+        self.n_contexts = n_contexts
+        self.from_start = from_start
+        self.tried: dict[bytes, int] = {}  # rollouts by context, in the order of the first ones
+        self.exhausted = False
+        self._due_rollouts, self._due_contexts = schedule(budget, n_contexts)
+
+    def measured(self) -> Measurements:
+        """Return the curve, and under ``contexts`` the rollouts in each, by first visit.
+
+        ``exhausted`` tells whether the run ended because it asked for more contexts.
+        """
+        names = ("rollouts", "contexts", "failure_rate", "mean_reward")
+        visits = {"rollouts": list(self.tried.values()), "exhausted": self.exhausted}
+        curve = {name: [row[name] for row in self.rows] for name in names}
+        return Measurements(curve, more={"contexts": visits})
+
+    def _on_step(self) -> bool:
+        for info in self.locals["infos"]:
+            context = np.asarray(info["terminal_observation"], np.float32).tobytes()
+            if context in self.tried or len(self.tried) < self.n_contexts:
+                self.tried[context] = self.tried.get(context, 0) + 1
+            else:
+                self.exhausted = True
+        self.on_rollouts(self.num_timesteps)
+        return not self.exhausted
+
+    def _on_rollout_start(self) -> None:
+        """Evaluate, if it is due, with the last generation's update."""
+        by_rollouts = self._due_rollouts <= self.num_timesteps
+        by_contexts = self._due_contexts <= len(self.tried)
+        first = self.from_start and not self.rows
+        if first or by_rollouts.any() or by_contexts.any():
+            self._due_rollouts = self._due_rollouts[~by_rollouts]
+            self._due_contexts = self._due_contexts[~by_contexts]
+            self._evaluate()
+
+    def _on_training_end(self) -> None:
+        if not self.rows or self.rows[-1]["rollouts"] < self.num_timesteps:
+            self._evaluate()
+
+    def _evaluate(self) -> None:
+        """Write a row of the curve."""
+        with self.stopwatch():
+            action, _ = self.model.predict(
+                self.test_contexts.astype(np.float32), deterministic=True
+            )
+            rollouts = self.task.simulate(self.test_contexts, np.asarray(action))
+        self.rows.append(
+            {
+                "rollouts": self.num_timesteps,
+                "contexts": len(self.tried),
+                "failure_rate": float(np.mean(~rollouts.successes)),
+                "mean_reward": float(np.mean(rollouts.rewards)),
+            }
+        )
+
+
+def schedule(budget: int, n_contexts: int) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Return at which counts of rollouts, and of contexts, an evaluation is due.
+
+    :param budget: rollouts of the run
+    :param n_contexts: distinct contexts that it may try
+    :return: two ascending arrays; the ends of the run are not in them
+    """
+    rollouts = np.geomspace(min(FIRST_ROLLOUTS, budget), budget, N_BY_ROLLOUTS).round()
+    contexts = np.linspace(0, n_contexts, N_BY_CONTEXTS + 1).round()
+    return (
+        np.unique(rollouts[:-1].astype(int)),
+        np.unique(contexts[1:-1].astype(int)),
+    )

@@ -1,0 +1,88 @@
+"""`Stream`: learn a policy for all contexts from a stream of new ones."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from benchmark_envs import Task
+from results.exceptions import BenchmarkError
+from results.harness.environments import FloatArray, RunTask
+from results.harness.protocol import OnRollouts, PreparedRun, Protocol
+from results.harness.records import Curve
+from results.stream.evaluation import StreamEvaluation
+from sb3_nmp import Demonstrations
+
+# Second words of the seeds of generators that must differ from the environment's, which has the
+# run's seed alone: equal seeds would show the contexts of the stream beforehand.
+DEMONSTRATION_CONTEXTS = 1
+TEST_CONTEXTS = (0, 2)  # the same for all runs, whatever their seed
+
+
+@dataclass(frozen=True)
+class Stream(Protocol):
+    """Learn a policy for all contexts from a stream of new ones (thesis 5.2.2).
+
+    :param n_demonstrations: contexts that are shown solved beforehand, drawn by the run's seed
+    :param n_contexts: distinct contexts that the run may try; it ends where it asks for more
+    :param n_test: held-out contexts on which the greedy policy is tried, the same for all runs
+    :raises BenchmarkError: a number below 1
+    """
+
+    n_demonstrations: int = 30
+    n_contexts: int = 1000
+    n_test: int = 1000
+
+    name: ClassVar[str] = "stream"
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name, value in self.settings.items():
+            if value < 1:
+                raise BenchmarkError(f"{name} is {value}; a stream needs at least 1.")
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """The three numbers."""
+        return {
+            "n_demonstrations": self.n_demonstrations,
+            "n_contexts": self.n_contexts,
+            "n_test": self.n_test,
+        }
+
+    def prepare(self, run: RunTask, on_rollouts: OnRollouts | None = None) -> PreparedRun:
+        """Demonstrate drawn contexts; the environment draws others.
+
+        :param run: its task, seed and budget
+        :param on_rollouts: told the number of rollouts so far
+        """
+        drawn_by = np.random.default_rng([run.seed, DEMONSTRATION_CONTEXTS])
+        shown = Demonstrations.from_task(run.task, self.n_demonstrations, drawn_by)
+        evaluation = StreamEvaluation(
+            run.task,
+            self.test_contexts(run.task),
+            self.n_contexts,
+            run.budget,
+            on_rollouts,
+            from_start=run.pretrained,
+        )
+        return PreparedRun(run.environments(), evaluation, run.task_record, shown)
+
+    def test_contexts(self, task: Task) -> FloatArray:
+        """Return the held-out contexts, shape (n_test, C).
+
+        :param task: that draws them
+        """
+        rng = np.random.default_rng(TEST_CONTEXTS)
+        return np.stack([task.sample_context(rng) for _ in range(self.n_test)])
+
+    def headline(self, curve: Curve) -> str:
+        """Say how many unseen contexts fail in the end, and what that took.
+
+        :param curve: of its record
+        """
+        return (
+            f"{100 * curve['failure_rate'][-1]:.1f} % fail after {curve['rollouts'][-1]} rollouts "
+            f"in {curve['contexts'][-1]} contexts"
+        )

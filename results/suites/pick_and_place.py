@@ -1,0 +1,27 @@
+"""Objects and towers taller than the demonstrated ones (thesis 5.2.4), 10 seeds."""
+
+from dataclasses import replace
+
+from benchmark_envs.tasks.pick_and_place_expert import EXTRAPOLATION_CONTEXTS
+from results.adaptation.protocol import Extrapolation
+from results.algorithms import ACNMP, CMAES, EWERTON, REPS, STARK
+from results.harness.suite import Recipe
+from results.suites.push import RCNMP_FREE
+from sb3_nmp import ACNMPExploration
+
+# Grasp, carry and release are apart in time: with fewer bases they move each other.
+ALGORITHMS = {
+    "ACNMP": replace(
+        ACNMP, settings={"population_size": 1, "exploration": ACNMPExploration(n_bases=8)}
+    ),
+    "CMA-ES context": replace(
+        CMAES, settings={"n_bases": 8, "context_std": 0.3, "population_size": 4}
+    ),
+    "ProMP+RL (Stark)": replace(STARK, settings={"population_size": 4}),
+    "ProMP+RL (Ewerton)": replace(EWERTON, settings={"population_size": 4}),
+    "REPS": replace(REPS, settings={"population_size": 10}),
+    "RC-NMP": RCNMP_FREE,
+}
+TASKS: dict[str, dict[str, object]] = {"nmp/PickAndPlace-v0": {}}
+PROTOCOLS = tuple(Extrapolation(target) for target in range(len(EXTRAPOLATION_CONTEXTS)))
+RECIPE = Recipe(ALGORITHMS, TASKS, 100, 10, PROTOCOLS, checkpoints=(0, 20, 50, 100), published=100)

@@ -1,0 +1,26 @@
+"""Pouring amounts far beyond the demonstrated ones (thesis 5.2.4), 10 seeds."""
+
+from dataclasses import replace
+
+from benchmark_envs.tasks.pouring import EXTRAPOLATION_CONTEXTS
+from results.adaptation.protocol import Extrapolation
+from results.algorithms import ACNMP, DREPS, EWERTON, REPS, STARK
+from results.harness.suite import Recipe
+from results.suites.push import CMAES_CONTEXT, RCNMP_FREE
+
+# With a handful of rollouts in all, each one is chosen by all before it, and the Gaussians are
+# fitted to as few as they can be.
+ALGORITHMS = {
+    "ACNMP": replace(ACNMP, settings={"population_size": 1}),
+    "CMA-ES context": CMAES_CONTEXT,
+    "ProMP+RL (Stark)": replace(STARK, settings={"population_size": 6}),
+    "ProMP+RL (Ewerton)": replace(EWERTON, settings={"population_size": 9}),
+    "REPS": replace(REPS, settings={"population_size": 9}),
+    "DREPS": replace(DREPS, settings={"population_size": 9}),
+    "RC-NMP": replace(
+        RCNMP_FREE, settings={"pd_controller": None, "population_size": 6, "n_crossover": 2}
+    ),
+}
+TASKS: dict[str, dict[str, object]] = {"nmp/Pouring-v0": {}}
+PROTOCOLS = tuple(Extrapolation(target) for target in range(len(EXTRAPOLATION_CONTEXTS)))
+RECIPE = Recipe(ALGORITHMS, TASKS, 18, 10, PROTOCOLS, checkpoints=(0, 6, 12, 18), published=18)

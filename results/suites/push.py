@@ -1,0 +1,33 @@
+"""Adaptation to each of ten held-out pushing targets (thesis 5.2.2, first experiment), 5 seeds."""
+
+from dataclasses import replace
+
+from benchmark_envs.tasks.push import EXTRAPOLATION_TARGETS, TARGETS
+from results.adaptation.protocol import LeaveOneOut
+from results.algorithms import ACNMP, CMAES, EWERTON, RCNMP, REPS, STARK
+from results.harness.suite import Recipe
+from sb3_nmp import ACNMPExploration
+
+#: the pushes shown span what is to be found: nearly all of the noise is like them
+EXPLORATION = ACNMPExploration.preset("push")
+#: the PD controller would pull every trajectory to the demonstrations' mean end
+RCNMP_FREE = replace(RCNMP, settings={"pd_controller": None}, pretrained=False)
+CMAES_CONTEXT = replace(CMAES, settings={"n_bases": 4, "context_std": 0.3})
+ALGORITHMS = {
+    "ACNMP": replace(ACNMP, settings={"exploration": EXPLORATION}),
+    "CMA-ES residual": replace(
+        CMAES,
+        settings={"n_bases": 5},
+        description="CMA-ES over smooth changes of the CNMP's answer",
+    ),
+    "CMA-ES context": CMAES_CONTEXT,
+    "ProMP+RL (Stark)": replace(STARK, budget=400),
+    "ProMP+RL (Ewerton)": replace(EWERTON, budget=400),
+    "REPS": replace(REPS, budget=400),
+    "RC-NMP": RCNMP_FREE,
+}
+TASKS: dict[str, dict[str, object]] = {"nmp/Push-v0": {}}
+PROTOCOLS = tuple(LeaveOneOut(t, t in EXTRAPOLATION_TARGETS) for t in range(len(TARGETS)))
+#: rollouts of Table 5.1; 130 is what the thesis tells of ACNMP
+CHECKPOINTS, PUBLISHED = (0, 40, 80, 200), 130
+RECIPE = Recipe(ALGORITHMS, TASKS, 200, 5, PROTOCOLS, CHECKPOINTS, PUBLISHED)

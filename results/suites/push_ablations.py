@@ -1,0 +1,45 @@
+"""ACNMP without one of its elements, or with the thesis's choice instead, pushing, 5 seeds."""
+
+from dataclasses import replace
+
+from results.algorithms import ACNMP
+from results.harness.specification import Algorithm
+from results.harness.suite import Recipe
+from results.suites.push import ALGORITHMS as PUSH_ALGORITHMS
+from results.suites.push import CHECKPOINTS, EXPLORATION, PROTOCOLS, PUBLISHED, TASKS
+from sb3_nmp import ACNMPAdaptation, ACNMPCritic, CNMPArchitecture
+
+
+def acnmp(**settings: object) -> Algorithm:
+    """Return ACNMP with other settings than the suite push.
+
+    :param settings: constructor arguments
+    """
+    return replace(ACNMP, settings={"exploration": EXPLORATION, **settings})
+
+
+# The last four sample around the policy's mean, as the thesis does.
+ALGORITHMS = {
+    "ACNMP": PUSH_ALGORITHMS["ACNMP"],
+    "no latents": acnmp(exploration=replace(EXPLORATION, latent=0.0)),
+    "latents only": acnmp(exploration=replace(EXPLORATION, noise=0.0, n_latents=6)),
+    "contexts too": acnmp(exploration=replace(EXPLORATION, context=0.5)),
+    "noise not shaped": acnmp(exploration=replace(EXPLORATION, shaped=0.0)),
+    "noise half shaped": acnmp(exploration=replace(EXPLORATION, shaped=0.5)),
+    "no pull": acnmp(critic=ACNMPCritic(pull=0.0)),
+    "thesis's decoder": acnmp(
+        policy_kwargs={"cnmp": CNMPArchitecture(context_in_decoder=True, linear_trend=False)}
+    ),
+    "policy gradient, to go": acnmp(search="policy", adaptation=ACNMPAdaptation("to_go")),
+    "policy gradient, steps": acnmp(search="policy", adaptation=ACNMPAdaptation("step")),
+    "policy gradient, pairs": acnmp(
+        search="policy", adaptation=ACNMPAdaptation("step"), population_size=2
+    ),
+    "RL only": acnmp(
+        search="policy",
+        adaptation=ACNMPAdaptation("to_go", supervised=False),
+        exploration=replace(EXPLORATION, latent=0.0, shaped=0.0),
+    ),
+}
+BEYOND = tuple(protocol for protocol in PROTOCOLS if protocol.extrapolation)
+RECIPE = Recipe(ALGORITHMS, TASKS, 200, 5, BEYOND, CHECKPOINTS, PUBLISHED)

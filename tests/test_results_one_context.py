@@ -1,0 +1,133 @@
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from results.harness.records import RunRecord
+from results.one_context.summary import compare, frame, summarise
+from results.report.frames import rollouts_to_success
+from results.report.statistics import (
+    interquartile_mean,
+    interquartile_mean_interval,
+    probability_of_improvement,
+    quantile,
+    success_interval,
+)
+from tests.records_fakes import curve_of, failed_run, finished_run, specification
+
+
+def record(label: str, seed: int, successes: list[bool], rewards: list[float]) -> RunRecord:
+    asked = specification(label, seed, budget=len(rewards))
+    return finished_run(asked, curve_of(rewards, successes), training=1.0 + seed)
+
+
+def failed(label: str, seed: int) -> RunRecord:
+    return failed_run(specification(label, seed))
+
+
+def example() -> pd.DataFrame:
+    return frame(
+        [
+            record("A", 0, [False, True, True, True], [-5.0, -1.0, -1.0, -1.0]),
+            record("A", 1, [True, False, False, True], [-4.0, -3.0, -3.0, -2.0]),
+            record("A", 2, [True, True, False, False], [-4.0, -3.0, -3.0, -6.0]),
+            record("B", 0, [False] * 4, [-9.0, -9.0, -9.0, -9.0]),
+            record("B", 1, [False] * 4, [-9.0, -9.0, -9.0, -2.0]),
+            failed("B", 2),
+        ]
+    )
+
+
+def test_success_counts_from_where_it_lasts():
+    assert rollouts_to_success([5, 10, 15], [True, False, True]) == 15
+    assert rollouts_to_success([5, 10, 15], [False, True, True]) == 10
+    assert math.isinf(rollouts_to_success([5, 10], [True, False]))
+
+
+def test_summary_equals_hand_computation():
+    summary = summarise(example()).set_index("label")
+    a, b = summary.loc["A"], summary.loc["B"]
+    assert (a["seeds"], a["failed"], a["greedy_solved"]) == (3, 0, 2)
+    assert (a["greedy_rollouts_q25"], a["greedy_rollouts_median"]) == (3.0, 4.0)
+    assert math.isinf(a["greedy_rollouts_q75"])
+    assert (a["any_rollouts_median"], a["any_rollouts_q75"]) == (1.0, 1.5)
+    assert a["greedy_reward_median"] == -2.0
+    assert a["greedy_iqm"] == -3.0  # three values: none is a whole quarter
+    assert a["best_reward_median"] == -2.0
+    assert a["training_seconds"] == 2.0
+    assert (b["seeds"], b["failed"], b["greedy_solved"]) == (2, 1, 0)
+    assert math.isinf(b["greedy_rollouts_median"])
+
+
+def test_a_row_without_runs_tells_why():
+    runs = frame([record("A", 0, [True], [-1.0]), failed("B", 0)])
+    summary = summarise(runs, ["C", "B", "A"])
+    assert summary["label"].tolist() == ["C", "B", "A"]
+    assert summary["reason"].tolist() == ["not run", "failed", ""]
+
+
+@given(st.permutations(range(6)))
+@settings(max_examples=20, deadline=None)
+def test_aggregation_does_not_depend_on_the_order_of_the_runs(order: list[int]):
+    runs = example()
+    shuffled = runs.iloc[order]
+    pd.testing.assert_frame_equal(summarise(runs), summarise(shuffled))
+    pd.testing.assert_frame_equal(compare(runs, "A"), compare(shuffled, "A"))
+
+
+def test_quantile_of_finite_values_is_numpys():
+    values = np.random.default_rng(0).normal(size=7)
+    for q in (0.0, 0.25, 0.5, 0.8, 1.0):
+        assert quantile(values, q) == pytest.approx(np.quantile(values, q))
+
+
+def test_a_median_next_to_infinity_is_infinite():
+    assert quantile([1.0, math.inf], 0.5) == math.inf
+    assert quantile([1.0, 2.0, math.inf], 0.5) == 2.0
+    assert quantile([math.inf, math.inf], 0.5) == math.inf
+
+
+def test_success_interval_equals_published_values():
+    assert success_interval(19, 20) == pytest.approx((0.764, 0.991), abs=1e-3)
+    assert success_interval(0, 10) == pytest.approx((0.0, 0.2775), abs=1e-3)
+    assert success_interval(10, 10) == pytest.approx((0.7225, 1.0), abs=1e-3)
+
+
+def test_interquartile_mean_drops_the_outer_quarters():
+    assert interquartile_mean([100.0, 2.0, 3.0, -100.0]) == 2.5
+
+
+def test_bootstrap_interval_is_seeded_and_holds_the_mean():
+    values = np.random.default_rng(0).normal(size=30)
+    low, high = interquartile_mean_interval(values)
+    assert (low, high) == interquartile_mean_interval(values)
+    assert low < interquartile_mean(values) < high
+    assert np.isnan(interquartile_mean_interval([1.0])).all()
+
+
+def test_bootstrap_interval_covers_the_truth_about_as_often_as_it_says():
+    rng = np.random.default_rng(1)
+    covered = 0
+    for _ in range(60):
+        low, high = interquartile_mean_interval(rng.normal(size=40))
+        covered += low <= 0.0 <= high
+    assert covered >= 50
+
+
+def test_probability_of_improvement_counts_pairs_and_halves_ties():
+    p, low, high = probability_of_improvement([1.0, 3.0], [2.0, 3.0])
+    assert p == (0 + 0 + 1 + 0.5) / 4
+    assert low <= p <= high
+    assert probability_of_improvement([5.0, 6.0], [1.0, 2.0]) == (1.0, 1.0, 1.0)
+    assert probability_of_improvement([-math.inf] * 2, [-math.inf] * 2)[0] == 0.5
+    p, low, high = probability_of_improvement([1.0], [0.0])
+    assert p == 1.0 and math.isnan(low) and math.isnan(high)
+
+
+def test_fewer_rollouts_are_better():
+    row = compare(example(), "A").iloc[0]
+    assert row["rollouts_p"] == pytest.approx((2 * 1.0 + 1 * 0.5) / 3)
+    assert row["reward_p"] == pytest.approx((1 + 1 + 1 + 1 + 0.5 + 0) / 6)
