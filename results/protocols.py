@@ -256,12 +256,8 @@ def single_threaded(run: "RunSpecification") -> tuple[Task, dict[str, Any]]:
     :param run: the run
     :return: the task, and its constructor arguments
     """
-    settings = dict(run.task_settings)
-    task = make_task(run.task, **settings)
-    if "n_threads" in task.setting_names():
-        settings["n_threads"] = 1
-        task = make_task(run.task, **settings)
-    return task, settings
+    settings = {**run.task_settings, "n_threads": 1}
+    return make_task(run.task, **settings), settings
 
 
 def _environments(
