@@ -1,4 +1,9 @@
-"""Trajectory-bandit tasks in MuJoCo; importing this package registers them with Gymnasium."""
+"""Trajectory-bandit tasks in MuJoCo; importing this package registers them with Gymnasium.
+
+`TrajectoryVecEnv` is loaded when it is asked for first: it needs Stable-Baselines3, and that torch.
+"""
+
+from typing import TYPE_CHECKING, Any
 
 from benchmark_envs.cache import ContextCache
 from benchmark_envs.exceptions import (
@@ -24,7 +29,9 @@ from benchmark_envs.tasks import (
     PushTask,
 )
 from benchmark_envs.trajectory_env import TrajectoryEnv
-from benchmark_envs.trajectory_vec_env import TrajectoryVecEnv
+
+if TYPE_CHECKING:
+    from benchmark_envs.trajectory_vec_env import TrajectoryVecEnv
 
 __all__ = [
     "ApertureTask",
@@ -57,3 +64,11 @@ __all__ = [
     "resample",
     "task_ids",
 ]
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401
+    if name != "TrajectoryVecEnv":
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    from benchmark_envs.trajectory_vec_env import TrajectoryVecEnv
+
+    return TrajectoryVecEnv

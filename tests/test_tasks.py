@@ -1,6 +1,8 @@
 """Contracts that every registered task keeps; a new task is covered by being registered."""
 
 import json
+import subprocess
+import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -441,6 +443,21 @@ def test_a_task_without_physics_is_written_in_a_few_lines_and_diverges_like_any_
     check_env(benchmark_envs.TrajectoryEnv(task), skip_render_check=True)
     with pytest.raises(RenderingUnavailableError, match="Reach draws no pictures"):
         task.frames([0.5], np.zeros((10, 1)))
+
+
+def test_importing_the_package_loads_no_torch() -> None:
+    lines = (
+        "import sys, benchmark_envs, gymnasium",
+        "gymnasium.make('nmp/Bottles-v0').reset()",
+        "heavy = {'torch', 'stable_baselines3', 'pandas', 'scipy'} & set(sys.modules)",
+        "assert not heavy, heavy",
+        "from benchmark_envs import TrajectoryVecEnv",
+        "assert TrajectoryVecEnv.__name__ == 'TrajectoryVecEnv' and 'torch' in sys.modules",
+        "assert set(benchmark_envs.__all__) <= set(dir(benchmark_envs)) | {'TrajectoryVecEnv'}",
+    )
+    subprocess.run([sys.executable, "-c", "\n".join(lines)], check=True)
+    with pytest.raises(AttributeError, match="no attribute 'TrajectoryVec'"):
+        benchmark_envs.TrajectoryVec  # noqa: B018  # pyright: ignore[reportAttributeAccessIssue]
 
 
 # -- errors and pictures -------------------------------------------------------------------------
