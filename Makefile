@@ -7,11 +7,12 @@ WORKERS ?= 2
 
 BIN := .venv/bin
 STAMP := .venv/installed
+LATEST := .venv-latest
 PACKAGES := baselines benchmark_envs results sb3_nmp
 PYTEST := $(BIN)/pytest -n auto --maxprocesses $(WORKERS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup bench test test-slow check format clean distclean
+.PHONY: help setup bench test test-slow test-latest check format clean distclean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
@@ -27,12 +28,13 @@ $(STAMP): pyproject.toml constraints.txt
 	        "On Debian: apt-get install python3-venv" >&2; exit 1; }
 	@echo "Installing the pinned packages in .venv (a minute or more)."
 	@$(PYTHON) -m venv .venv
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
+	    -e '.[dev,contrib,robotics]'
 	@touch $@
 	@echo "Installed in .venv."
 
 # One thread a process: the runs themselves are spread over the cores.
-bench test test-slow: export OMP_NUM_THREADS = 1
+bench test test-slow test-latest: export OMP_NUM_THREADS = 1
 
 bench: setup ## run the quick suite over 5 seeds, then print its table and draw its plots
 	$(BIN)/nmp-bench run --suite $(SUITE) --seeds $(SEEDS)
@@ -45,6 +47,18 @@ test: setup ## tests and doctests, without the slow ones
 
 test-slow: setup ## the slow, statistical tests alone
 	$(PYTEST) -m slow
+
+# All pins but MuJoCo's, whose newest version is newer than gymnasium-robotics takes.
+$(LATEST)/installed: pyproject.toml constraints.txt
+	@echo "Installing the newest MuJoCo and the other pinned packages in $(LATEST) (a minute or more)."
+	@$(PYTHON) -m venv $(LATEST)
+	@grep -v '^mujoco==' constraints.txt > $(LATEST)/constraints.txt
+	@$(LATEST)/bin/python -m pip install --quiet --disable-pip-version-check --upgrade \
+	    -c $(LATEST)/constraints.txt -e '.[dev,contrib]' 'mujoco>=4'
+	@touch $@
+
+test-latest: $(LATEST)/installed ## tests and doctests with the newest MuJoCo, in .venv-latest
+	$(LATEST)/bin/pytest -n auto --maxprocesses $(WORKERS)
 
 check: setup ## ruff (lint and format), pyright, and which module may import which
 	$(BIN)/ruff check
@@ -60,5 +74,5 @@ clean: ## remove caches and build artefacts (never results/runs)
 	rm -rf build dist .hypothesis .pytest_cache .ruff_cache *.egg-info
 	find $(PACKAGES) tests -type d -name __pycache__ -prune -exec rm -rf {} +
 
-distclean: clean ## clean, and remove .venv too
-	rm -rf .venv
+distclean: clean ## clean, and remove .venv and .venv-latest too
+	rm -rf .venv $(LATEST)

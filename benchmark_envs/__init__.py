@@ -1,5 +1,11 @@
-"""Trajectory-bandit tasks in MuJoCo; importing this package registers them with Gymnasium."""
+"""Trajectory-bandit tasks in MuJoCo; importing this package registers them with Gymnasium.
 
+`TrajectoryVecEnv` is loaded when it is asked for first: it needs Stable-Baselines3, and that torch.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+from benchmark_envs.cache import ContextCache
 from benchmark_envs.exceptions import (
     InvalidContextError,
     InvalidTrajectoryError,
@@ -7,9 +13,14 @@ from benchmark_envs.exceptions import (
     TaskError,
     UnknownTaskError,
 )
+from benchmark_envs.executor import BatchExecutor, SensorLog
+from benchmark_envs.motion import interpolate, limit_speed, minimum_jerk, resample
+from benchmark_envs.mujoco_task import MujocoTask
 from benchmark_envs.registry import make_task, register_task, task_ids
+from benchmark_envs.rendering import draw
+from benchmark_envs.rollouts import Measured, Rollouts
 from benchmark_envs.splits import extrapolation, leave_one_out
-from benchmark_envs.task import Rollouts, Task
+from benchmark_envs.task import Task
 from benchmark_envs.tasks import (
     ApertureTask,
     BottlesTask,
@@ -18,26 +29,46 @@ from benchmark_envs.tasks import (
     PushTask,
 )
 from benchmark_envs.trajectory_env import TrajectoryEnv
-from benchmark_envs.trajectory_vec_env import TrajectoryVecEnv
+
+if TYPE_CHECKING:
+    from benchmark_envs.trajectory_vec_env import TrajectoryVecEnv
 
 __all__ = [
     "ApertureTask",
+    "BatchExecutor",
     "BottlesTask",
+    "ContextCache",
     "InvalidContextError",
     "InvalidTrajectoryError",
+    "Measured",
+    "MujocoTask",
     "PickAndPlaceTask",
     "PouringTask",
     "PushTask",
     "RenderingUnavailableError",
     "Rollouts",
+    "SensorLog",
     "Task",
     "TaskError",
     "TrajectoryEnv",
     "TrajectoryVecEnv",
     "UnknownTaskError",
+    "draw",
     "extrapolation",
+    "interpolate",
     "leave_one_out",
+    "limit_speed",
     "make_task",
+    "minimum_jerk",
     "register_task",
+    "resample",
     "task_ids",
 ]
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401
+    if name != "TrajectoryVecEnv":
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    from benchmark_envs.trajectory_vec_env import TrajectoryVecEnv
+
+    return TrajectoryVecEnv

@@ -1,15 +1,20 @@
-"""A bounded cache of what is costly to make for a context."""
+"""A bounded cache of values that belong to a context and are costly to make."""
 
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from benchmark_envs.task import FloatArray
+from benchmark_envs.rollouts import FloatArray
 
 Value = TypeVar("Value")
 
 
 class ContextCache(Generic[Value]):
-    """Makes a context's value when it is asked for first; of too many the oldest is forgotten.
+    """Makes a context's value when it is first asked for, and keeps the newest of them.
+
+    >>> import numpy as np
+    >>> cache = ContextCache(lambda context: float(context.sum()), size=100)
+    >>> cache[np.array([1.0, 2.0])], len(cache)
+    (3.0, 1)
 
     :param make: from a context, shape (C,)
     :param size: the most values that are kept

@@ -21,4 +21,4 @@ class InvalidTrajectoryError(TaskError):
 
 
 class RenderingUnavailableError(RuntimeError):
-    """No off-screen OpenGL renderer could be started on this machine."""
+    """No off-screen OpenGL renderer could be started, or the task draws no pictures."""

@@ -9,7 +9,7 @@ import numpy as np
 from mujoco.rollout import Rollout
 from numpy.typing import NDArray
 
-from benchmark_envs.task import BoolArray, FloatArray
+from benchmark_envs.rollouts import BoolArray, FloatArray
 
 #: rollouts handed to MuJoCo at once: enough to keep the threads busy, few enough to bound memory
 CHUNK = 64
@@ -24,7 +24,9 @@ def available_cores() -> int:
 
 @dataclass(frozen=True)
 class SensorLog:
-    """What the sensors read in a batch of N rollouts, every ``substeps`` simulation steps.
+    """What the sensors read in N rollouts, as `BatchExecutor.run` returns it.
+
+    Readings, peaks and final states of rollouts that diverged are 0, so they need no special care.
 
     :param readings: by sensor name, shape (N, T, size of the sensor)
     :param peaks: by sensor name, the largest value since the last time point, same shapes
@@ -48,9 +50,17 @@ class BatchExecutor:
     in nor on the number of threads. A divergence shows in the model's ``clock`` sensor: MuJoCo
     ends a rollout at its first warning and repeats the last reading, so its clock stands still.
 
+    >>> from benchmark_envs import make_task
+    >>> model = make_task("nmp/Push-v0").model
+    >>> executor = BatchExecutor(model, substeps=3, n_threads=1)
+    >>> states = np.tile(executor.initial_state(np.zeros(model.nq)), (2, 1))
+    >>> log = executor.run(states, controls=np.zeros((2, 30, model.nu)))
+    >>> log.readings["joint_1"].shape, log.diverged.tolist()
+    ((2, 10, 1), [False, False])
+
     :param model: must have a sensor of type ``clock`` that is named ``clock``
     :param substeps: simulation steps from one time point to the next
-    :param n_threads: of the pool; 0 runs in the calling thread, by default one a core
+    :param n_threads: of the pool; 0 runs in the calling thread, by default one per core
     :param chunk: rollouts handed to MuJoCo at once; it keeps the state at every step of them all,
         so models with many joints need fewer
     """
@@ -136,6 +146,10 @@ class BatchExecutor:
 
     def _log(self, states: NDArray[np.float64], data: NDArray[np.float64]) -> SensorLog:
         n, steps, _ = data.shape
+        end = states[:, -1].copy()
+        broken = ~np.isfinite(data).all(axis=(1, 2)) | ~np.isfinite(end).all(axis=1)
+        diverged = broken | self._stopped(data)
+        data[diverged], end[diverged] = 0.0, 0.0
         blocks = data.reshape(n, steps // self.substeps, self.substeps, -1)
         last, peak = blocks[:, :, -1], blocks.max(axis=2)
         readings: dict[str, FloatArray] = {}
@@ -144,8 +158,12 @@ class BatchExecutor:
             sensor = self.model.sensor(i)
             columns = slice(int(sensor.adr[0]), int(sensor.adr[0] + sensor.dim[0]))
             readings[sensor.name], peaks[sensor.name] = last[:, :, columns], peak[:, :, columns]
-        expected = (steps - 0.5) * self.model.opt.timestep
-        stopped = ~(readings["clock"][:, -1, 0] >= expected - self.model.opt.timestep)
-        end = states[:, -1].copy()
-        broken = ~np.isfinite(data).all(axis=(1, 2)) | ~np.isfinite(end).all(axis=1)
-        return SensorLog(readings, peaks, stopped | broken, end)
+        return SensorLog(readings, peaks, diverged, end)
+
+    def _stopped(self, data: FloatArray) -> BoolArray:
+        """Tell which rollouts ended early, by the clock's last reading, shape (N,).
+
+        :param data: all sensors' readings, shape (N, steps, number of readings)
+        """
+        clock = data[:, -1, int(self.model.sensor("clock").adr[0])]
+        return ~(clock >= (data.shape[1] - 1.5) * self.model.opt.timestep)

@@ -1,6 +1,7 @@
 """The list of tasks: one line beside each task's definition puts it here and into Gymnasium."""
 
 import difflib
+import inspect
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -37,11 +38,16 @@ def task_ids() -> list[str]:
     return sorted(_TASKS)
 
 
-def make_task(task_id: str, **settings: Any) -> Task:  # noqa: ANN401
+def make_task(task_id: str, n_threads: int | None = None, **settings: Any) -> Task:  # noqa: ANN401
     """Build a task.
 
+    >>> make_task("nmp/Push-v0", reward="goal").settings
+    {'reward': 'goal'}
+
     :param task_id: one of `task_ids`
-    :param settings: the task's own constructor arguments
+    :param n_threads: of the simulator, by default one per core; a task that simulates nothing
+        ignores it
+    :param settings: the arguments of the task's constructor that change it
     :raises UnknownTaskError: no task of that id
     :raises TaskError: the task has no such setting
     """
@@ -52,10 +58,12 @@ def make_task(task_id: str, **settings: Any) -> Task:  # noqa: ANN401
             f"no task '{task_id}' is registered.{hint} There are: {', '.join(task_ids())}."
         )
     task_class = _TASKS[task_id]
-    unknown = sorted(set(settings) - set(task_class.setting_names()))
+    names = task_class.setting_names()
+    unknown = sorted(set(settings) - set(names))
     if unknown:
         raise TaskError(
-            f"{task_id} has no setting '{unknown[0]}'; it has: "
-            f"{', '.join(task_class.setting_names()) or 'none'}."
+            f"{task_id} has no setting '{unknown[0]}'; it has: {', '.join(names) or 'none'}."
         )
+    if "n_threads" in inspect.signature(task_class).parameters:
+        settings["n_threads"] = n_threads
     return task_class(**settings)

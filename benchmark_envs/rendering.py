@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark_envs.exceptions import RenderingUnavailableError
-from benchmark_envs.task import FloatArray
+from benchmark_envs.rollouts import FloatArray
 
 
 def draw(

@@ -4,7 +4,7 @@ import numpy as np
 
 from benchmark_envs.exceptions import TaskError
 from benchmark_envs.registry import make_task
-from benchmark_envs.task import FloatArray
+from benchmark_envs.rollouts import FloatArray
 
 
 def leave_one_out(task_id: str, target: int) -> tuple[FloatArray, FloatArray]:

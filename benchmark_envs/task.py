@@ -5,102 +5,51 @@ C context.
 """
 
 import inspect
+import re
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from benchmark_envs.exceptions import InvalidContextError, InvalidTrajectoryError, TaskError
+from benchmark_envs.exceptions import (
+    InvalidContextError,
+    InvalidTrajectoryError,
+    RenderingUnavailableError,
+    TaskError,
+)
+from benchmark_envs.rollouts import BoolArray, FloatArray, Measured, Rollouts, assemble
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+__all__ = ["BoolArray", "FloatArray", "Measured", "Rollouts", "Task", "unit_of"]
 
 
-@dataclass(frozen=True)
-class Rollouts:
-    """The outcome of a batch of N rollouts.
+def unit_of(name: str) -> str:
+    """Return the unit at the end of a name, empty where there is none.
 
-    :param contexts: task parameters, shape (N, C)
-    :param trajectories: the set-points that were commanded, after clipping, shape (N, T, D)
-    :param executed: what the robot really did at the same time points, shape (N, T, D)
-    :param rewards: one reward a rollout, always finite, shape (N,)
-    :param successes: whether the task was solved, shape (N,)
-    :param diverged: whether the simulation broke down (the reward is then the worst), shape (N,)
-    :param clipped: whether a set-point lay outside the trajectory space, or was not followed
-        because the task limits the robot's speed, shape (N,)
-    :param terms: the reward's terms by name, each of shape (N,); they add up to the reward
-    :param paths: positions of moved objects by name, each of shape (N, T, 2 or 3) in m
-    :param step_rewards: where the reward is a sum over time, its summands, shape (N, T)
-    :param outcomes: what else happened, by name, such as 1.0 for an object that was dropped and
-        0.0 for one that was not, each of shape (N,); they are no part of the reward
+    >>> unit_of("goal x [m]"), unit_of("phase")
+    ('m', '')
+
+    :param name: such as ``"goal x [m]"``
     """
-
-    contexts: FloatArray
-    trajectories: FloatArray
-    executed: FloatArray
-    rewards: FloatArray
-    successes: BoolArray
-    diverged: BoolArray
-    clipped: BoolArray
-    terms: dict[str, FloatArray] = field(default_factory=dict)
-    paths: dict[str, FloatArray] = field(default_factory=dict)
-    step_rewards: FloatArray | None = None
-    outcomes: dict[str, FloatArray] = field(default_factory=dict)
-
-    def __len__(self) -> int:
-        """Return the number of rollouts, N."""
-        return len(self.rewards)
-
-    def __getitem__(self, index: int | slice | NDArray[Any]) -> "Rollouts":
-        """Return the chosen rollouts; an integer gives a batch of one.
-
-        :param index: an integer, a slice, or an array of indices or booleans
-        """
-        rows = [index] if isinstance(index, int | np.integer) else index
-        return Rollouts(
-            contexts=self.contexts[rows],
-            trajectories=self.trajectories[rows],
-            executed=self.executed[rows],
-            rewards=self.rewards[rows],
-            successes=self.successes[rows],
-            diverged=self.diverged[rows],
-            clipped=self.clipped[rows],
-            terms={name: term[rows] for name, term in self.terms.items()},
-            paths={name: path[rows] for name, path in self.paths.items()},
-            step_rewards=None if self.step_rewards is None else self.step_rewards[rows],
-            outcomes={name: outcome[rows] for name, outcome in self.outcomes.items()},
-        )
-
-    def info(self, index: int) -> dict[str, Any]:
-        """Return one rollout as a Gymnasium ``info`` dictionary.
-
-        :param index: which of the N rollouts
-        :return: scalars ``is_success``, ``diverged``, ``clipped``, ``reward_<term>`` and the
-            task's outcomes by their names, and the arrays ``executed_trajectory`` (T, D),
-            ``path_<object>`` (T, 2 or 3) and, where the reward is a sum over time,
-            ``step_rewards`` (T,)
-        """
-        info: dict[str, Any] = {
-            "is_success": bool(self.successes[index]),
-            "diverged": bool(self.diverged[index]),
-            "clipped": bool(self.clipped[index]),
-            "executed_trajectory": self.executed[index],
-        }
-        info |= {f"reward_{name}": float(term[index]) for name, term in self.terms.items()}
-        info |= {name: float(outcome[index]) for name, outcome in self.outcomes.items()}
-        if self.step_rewards is not None:
-            info["step_rewards"] = self.step_rewards[index]
-        return info | {f"path_{name}": path[index] for name, path in self.paths.items()}
+    found = re.search(r"\[(.+)\]$", name)
+    return found[1] if found else ""
 
 
 class Task(ABC):
     """One trajectory-bandit task: spaces, physics, reward, expert. It keeps no state.
 
-    A subclass sets the spaces in its constructor and implements the abstract methods; the checks
-    of contexts and trajectories are made here, once for all.
+    A subclass declares names, spaces and time step, and returns from `_execute` what it measured.
+    The rest is the same for all tasks and stands here: checks, clipping, divergence and the sum of
+    the reward's terms. `MujocoTask` is the base of tasks that MuJoCo simulates.
+
+    An argument of the constructor that changes the task is kept as an attribute of the same name.
+
+    >>> from benchmark_envs import make_task
+    >>> task = make_task("nmp/Bottles-v0")
+    >>> task.settings, task.context_units, task.duration
+    ({'random_bottles': False}, ('m', 'm', 'm', 'm'), 2.0)
     """
 
     #: what each entry of the context means, with its unit, length C
@@ -114,13 +63,90 @@ class Task(ABC):
     #: unit, length D; every algorithm of a comparison explores at this scale by default
     exploration_scale: ClassVar[tuple[float, ...]]
 
+    #: what each term of the reward means, with its unit; ``diverged`` is added for every task
+    reward_terms: Mapping[str, str]
+    #: what an entry of `Rollouts.step_rewards` means; empty where the reward is no sum over time
+    step_reward: str = ""
+    #: unit of minus the reward, empty where it has none
+    error_unit: str = ""
+    #: name and reward of the best solution that is known, where one is
+    optimum: tuple[str, float] | None = None
+
     context_space: spaces.Box
     trajectory_space: spaces.Box
+    #: from one time point to the next, in s
+    dt: float
+
+    @classmethod
+    def setting_names(cls) -> tuple[str, ...]:
+        """Return the names of the constructor's arguments that change the task."""
+        names = inspect.signature(cls).parameters
+        return tuple(name for name in names if name != "n_threads")
 
     @property
-    @abstractmethod
     def settings(self) -> dict[str, Any]:
-        """The constructor's arguments: two tasks of one class with equal settings are the same."""
+        """The settings by name: two tasks of one class with equal settings are the same."""
+        return {name: getattr(self, name) for name in self.setting_names()}
+
+    @property
+    def times(self) -> FloatArray:
+        """When the set-points are reached, shape (T,) in s; the rollout begins at 0."""
+        return self.dt * np.arange(1, self.trajectory_space.shape[0] + 1, dtype=np.float64)
+
+    @property
+    def duration(self) -> float:
+        """How long a trajectory takes, in s."""
+        return float(self.times[-1])
+
+    @property
+    def context_units(self) -> tuple[str, ...]:
+        """The units of `context_names`."""
+        return tuple(unit_of(name) for name in self.context_names)
+
+    @property
+    def trajectory_units(self) -> tuple[str, ...]:
+        """The units of `trajectory_names`."""
+        return tuple(unit_of(name) for name in self.trajectory_names)
+
+    def metadata(self) -> dict[str, Any]:
+        """Return what tables and figures say about the task, as plain JSON values."""
+        n_time_points, n_dimensions = self.trajectory_space.shape
+        diverged = {"diverged": "the worst reward, where the simulation broke down"}
+        return {
+            "context_names": list(self.context_names),
+            "context_units": list(self.context_units),
+            "trajectory_names": list(self.trajectory_names),
+            "trajectory_units": list(self.trajectory_units),
+            "n_time_points": n_time_points,
+            "n_dimensions": n_dimensions,
+            "dt": self.dt,
+            "duration": self.duration,
+            "modes": list(self.modes),
+            "reward_terms": {**self.reward_terms, **diverged},
+            "step_reward": self.step_reward,
+            "error_unit": self.error_unit,
+            "optimum": None if self.optimum is None else list(self.optimum),
+        }
+
+    def mode_of(self, context: ArrayLike, executed: ArrayLike) -> str:
+        """Return which of ``modes`` an executed trajectory is an example of; empty: no telling.
+
+        :param context: shape (C,)
+        :param executed: shape (T, D)
+        """
+        return ""
+
+    def scene(self, context: ArrayLike) -> dict[str, Any] | None:
+        """Return what to draw around the paths of a planar task, as plain JSON values.
+
+        Lengths are in m: ``limits`` [[x0, x1], [y0, y1]]; ``points``, [x, y] by name; ``circles``
+        with ``center``, ``radius``, ``style`` (``"solid"`` or ``"dashed"``) and ``label``;
+        ``boxes`` with the corners ``low`` and ``high``.
+
+        :param context: shape (C,)
+        :return: None where the trajectory is no path in a plane
+        """
+        return None
 
     @property
     @abstractmethod
@@ -153,21 +179,29 @@ class Task(ABC):
         """
 
     @abstractmethod
-    def _simulate(self, contexts: FloatArray, trajectories: FloatArray) -> Rollouts:
-        """Run checked inputs of shapes (N, C) and (N, T, D)."""
+    def _execute(self, contexts: FloatArray, trajectories: FloatArray) -> Measured:
+        """Execute checked and clipped inputs, and return what was measured.
 
-    @abstractmethod
+        :param contexts: shape (N, C)
+        :param trajectories: shape (N, T, D)
+        """
+
     def frames(
         self, context: ArrayLike, trajectory: ArrayLike, width: int = 480, height: int = 360
     ) -> list[NDArray[np.uint8]]:
         """Run one rollout and draw it.
 
+        25 pictures are meant to be one second of the film. That is not always one second of the
+        rollout: slow tasks are shown faster.
+
         :param context: shape (C,)
         :param trajectory: shape (T, D)
         :param width: of the picture, in pixels
         :param height: of the picture, in pixels
-        :return: pictures of shape (height, width, 3), 25 for each second of the rollout
+        :return: pictures of shape (height, width, 3)
+        :raises RenderingUnavailableError: no off-screen renderer, or a task that cannot be drawn
         """
+        raise RenderingUnavailableError(f"{type(self).__name__} draws no pictures of its rollouts.")
 
     def simulate(self, contexts: ArrayLike, trajectories: ArrayLike) -> Rollouts:
         """Execute a batch of trajectories, each in its context.
@@ -193,9 +227,9 @@ class Task(ABC):
         contexts = np.stack([self.check_context(context) for context in contexts])
         low, high = self.trajectory_space.low, self.trajectory_space.high
         inside = np.clip(trajectories, low, high)
-        rollouts = self._simulate(contexts, inside)
-        rollouts.clipped[:] |= np.any(inside != trajectories, axis=(1, 2))
-        return rollouts
+        outside = np.any(inside != trajectories, axis=(1, 2))
+        measured = self._execute(contexts, inside)
+        return assemble(contexts, inside, outside, measured, worst=self.reward_range[0])
 
     def check_context(self, context: ArrayLike) -> FloatArray:
         """Return the context as float64.
@@ -255,8 +289,3 @@ class Task(ABC):
         if mode not in self.modes:
             raise TaskError(f"no mode '{mode}' of the expert; there are {', '.join(self.modes)}.")
         return mode
-
-    @classmethod
-    def setting_names(cls) -> list[str]:
-        """Return the names of the constructor's arguments."""
-        return [name for name in inspect.signature(cls).parameters if name != "self"]

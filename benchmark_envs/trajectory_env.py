@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from benchmark_envs.exceptions import TaskError
 from benchmark_envs.registry import make_task
-from benchmark_envs.task import FloatArray, Rollouts, Task
+from benchmark_envs.rollouts import FloatArray, Rollouts
+from benchmark_envs.task import Task
 
 FRAMES_PER_SECOND = 25
 
@@ -20,11 +21,17 @@ class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
     always terminates. ``info`` holds ``is_success``, ``executed_trajectory`` and the reward's
     terms (`Rollouts.info`).
 
+    >>> env = TrajectoryEnv("nmp/Bottles-v0", n_threads=1)
+    >>> context, _ = env.reset(seed=0)
+    >>> _, reward, terminated, _, info = env.step(env.demonstrate(context))
+    >>> round(reward, 2), terminated, info["is_success"]
+    (-0.13, True, True)
+
     :param task: a task or its id
     :param context: pins the context of every episode, shape (C,); by default the task draws it
     :param render_mode: ``"rgb_array_list"``: `render` returns the frames of the last rollout;
         ``"rgb_array"``: its last frame
-    :param settings: of the task, where ``task`` is an id
+    :param settings: arguments of `make_task`, where ``task`` is an id
     :raises TaskError: an unknown id or setting, or a context outside the context space
     """
 
@@ -108,7 +115,7 @@ class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
         return self.task.initial_trajectory(self._current_context())
 
     def demonstrate(self, context: ArrayLike, mode: str | None = None) -> FloatArray:
-        """Return the scripted expert's trajectory, shape (T, D); see `Task.demonstrate`.
+        """Solve a context with the task's scripted expert; return its trajectory, shape (T, D).
 
         :param context: shape (C,)
         :param mode: one of the task's ``modes``; the first one by default
@@ -124,7 +131,7 @@ class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
 
     @property
     def exploration_scale(self) -> FloatArray:
-        """The task's `Task.exploration_scale`, shape (D,)."""
+        """Standard deviation at which a search may begin, by dimension, shape (D,)."""
         return np.array(self.task.exploration_scale)
 
     def render(self) -> Any:  # noqa: ANN401

@@ -16,7 +16,11 @@ class TrajectoryVecEnv(DummyVecEnv):
 
     All wrappers around the environments stay in force: each environment is handed its rollout
     before its ``step`` is called, and simulates again by itself if a wrapper changed the action.
-    Works as ``make_vec_env(..., vec_env_cls=TrajectoryVecEnv)``.
+
+    >>> from stable_baselines3.common.env_util import make_vec_env
+    >>> env = make_vec_env("nmp/Bottles-v0", n_envs=20, vec_env_cls=TrajectoryVecEnv)
+    >>> env.reset().shape, env.action_space.shape
+    ((20, 4), (200, 2))
 
     :param env_fns: functions that build the environments
     :raises TaskError: an environment is no TrajectoryEnv, or their tasks' settings differ

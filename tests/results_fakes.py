@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 
-from benchmark_envs import Rollouts, Task, registry
-from benchmark_envs.task import FloatArray
+from benchmark_envs import Measured, Task, registry
+from benchmark_envs.rollouts import FloatArray
 from results import suites
 from results.harness.suite import Recipe
 from sb3_nmp.common.algorithm import TrajectoryAlgorithm
@@ -108,13 +108,11 @@ class TargetTask(Task):
     context_names = ("target x [m]", "target y [m]")
     trajectory_names = ("x [m]", "y [m]")
     exploration_scale = (0.1, 0.1)
+    reward_terms: Mapping[str, str] = {"distance": "minus the last set-point's distance [m]"}
+    dt = 0.1
     targets = TARGETS
     context_space = spaces.Box(-1.5, 1.5, (2,), np.float32)
     trajectory_space = spaces.Box(-2.0, 2.0, (12, 2), np.float32)
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        return {}
 
     @property
     def reward_range(self) -> tuple[float, float]:
@@ -130,17 +128,9 @@ class TargetTask(Task):
     def demonstrate(self, context: ArrayLike, mode: str | None = None) -> FloatArray:
         return np.linspace(0.0, 1.0, 12)[:, None] * self.check_context(context)
 
-    def frames(
-        self, context: ArrayLike, trajectory: ArrayLike, width: int = 480, height: int = 360
-    ) -> list[NDArray[np.uint8]]:
-        raise NotImplementedError
-
-    def _simulate(self, contexts: FloatArray, trajectories: FloatArray) -> Rollouts:
+    def _execute(self, contexts: FloatArray, trajectories: FloatArray) -> Measured:
         distances = np.linalg.norm(trajectories[:, -1] - contexts, axis=1)
-        no = np.zeros(len(contexts), bool)
-        return Rollouts(
-            contexts, trajectories, trajectories, -distances, distances < 0.1, no, no.copy()
-        )
+        return Measured(trajectories, {"distance": -distances}, distances < 0.1)
 
 
 @contextmanager

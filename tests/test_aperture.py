@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmark_envs import InvalidContextError, make_task
+from benchmark_envs import InvalidContextError, make_task, resample
 from benchmark_envs.tasks.aperture import START, ApertureTask, T, clearances, round_corners
-from benchmark_envs.tasks.bottles import resample
 
 CONTEXT = np.array([5.0, 5.0, 9.0, 5.0])  # opening and goal straight ahead
 OPENING = CONTEXT[None, :2]

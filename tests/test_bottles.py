@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmark_envs import make_task
+from benchmark_envs import make_task, resample
 from benchmark_envs.tasks.bottles import (
     BOTTLES,
     GOAL,
@@ -13,7 +13,6 @@ from benchmark_envs.tasks.bottles import (
     T,
     crosses_between,
     path_length,
-    resample,
     taut_path,
 )
 

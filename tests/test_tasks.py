@@ -1,12 +1,18 @@
 """Contracts that every registered task keeps; a new task is covered by being registered."""
 
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
+from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
+from numpy.typing import ArrayLike
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import DummyVecEnv
@@ -15,6 +21,7 @@ import benchmark_envs
 from benchmark_envs import (
     InvalidContextError,
     InvalidTrajectoryError,
+    Measured,
     RenderingUnavailableError,
     Task,
     TaskError,
@@ -294,6 +301,166 @@ def test_the_batched_vec_env_refuses_a_mix_of_tasks() -> None:
         )
     with pytest.raises(TaskError, match="holds TrajectoryEnv only"):
         TrajectoryVecEnv([lambda: gym.make("CartPole-v1")])
+
+
+# -- what a task tells about itself --------------------------------------------------------------
+
+
+@TASKS
+def test_the_terms_and_summands_of_the_reward_are_those_that_are_documented(task_id: str) -> None:
+    variants: list[dict[str, Any]] = [{}, {"reward": "goal"}] if "Push" in task_id else [{}]
+    for settings in variants:
+        task = make_task(task_id, **settings)
+        rollouts = task.simulate(context_of(task), task.initial_trajectory(context_of(task)))
+        assert list(rollouts.terms) == list(task.metadata()["reward_terms"])
+        assert all(len(meaning) > 10 for meaning in task.reward_terms.values())
+        unit = f"[{task.error_unit}]"
+        assert all(text.endswith(unit) != (unit == "[]") for text in task.reward_terms.values())
+        assert (rollouts.step_rewards is None) == (task.step_reward == "")
+        if rollouts.step_rewards is not None:
+            assert rollouts.step_rewards.shape == (1, len(task.times))
+            assert rollouts.step_rewards.sum() == pytest.approx(rollouts.rewards[0])
+
+
+@TASKS
+def test_a_task_tells_its_time_in_seconds(task_id: str) -> None:
+    task: Any = make_task(task_id)
+    n_time_points = task.trajectory_space.shape[0]
+    assert task.dt == pytest.approx(task.executor.substeps * task.model.opt.timestep)
+    assert task.times.shape == (n_time_points,) and task.times[0] == task.dt
+    assert task.duration == pytest.approx(n_time_points * task.dt)
+    assert (np.diff(task.times) > 0).all()
+
+
+@TASKS
+def test_the_metadata_are_plain_json_and_complete(task_id: str) -> None:
+    task = make_task(task_id)
+    told = task.metadata()
+    assert json.loads(json.dumps(told, allow_nan=False)) == told
+    assert (told["n_time_points"], told["n_dimensions"]) == task.trajectory_space.shape
+    for space in ("context", "trajectory"):
+        names, units = told[f"{space}_names"], told[f"{space}_units"]
+        assert len(names) == len(units)
+        assert all(name.endswith(f" [{unit}]") for name, unit in zip(names, units, strict=True))
+    if task.optimum is not None:
+        low, high = task.reward_range
+        assert low < task.optimum[1] <= high
+
+
+@TASKS
+def test_the_expert_is_recognised_by_its_mode(task_id: str) -> None:
+    task = make_task(task_id)
+    context = context_of(task)
+    for mode in task.modes:
+        executed = task.simulate(context, task.demonstrate(context, mode)).executed[0]
+        assert task.mode_of(context, executed) in (mode, "")
+
+
+@TASKS
+def test_the_scene_is_plain_json_and_the_expert_avoids_what_is_in_it(task_id: str) -> None:
+    task = make_task(task_id)
+    context = context_of(task, seed=1)
+    scene = task.scene(context)
+    if scene is None:
+        return
+    assert json.loads(json.dumps(scene, allow_nan=False)) == scene
+    assert set(scene) == {"limits", "points", "circles", "boxes"}
+    path = task.simulate(context, task.demonstrate(context)).executed[0]
+    np.testing.assert_allclose(path[0], scene["points"]["start"], atol=0.1)
+    np.testing.assert_allclose(path[-1], scene["points"]["goal"], atol=0.1)
+    limits = np.array(scene["limits"])
+    assert ((path >= limits[:, 0]) & (path <= limits[:, 1])).all()
+    for circle in scene["circles"]:
+        assert np.linalg.norm(path - circle["center"], axis=1).min() > circle["radius"]
+    for box in scene["boxes"]:
+        assert not ((path > box["low"]) & (path < box["high"])).all(axis=1).any()
+    assert scene["circles"] or scene["boxes"]
+
+
+@TASKS
+def test_settings_rebuild_the_task_and_threads_are_none_of_them(task_id: str) -> None:
+    task = make_task(task_id, n_threads=1)
+    assert tuple(task.settings) == task.setting_names() and "n_threads" not in task.settings
+    assert json.loads(json.dumps(task.settings)) == task.settings
+    assert make_task(task_id, **task.settings).settings == task.settings
+
+
+def test_environments_of_one_task_may_differ_in_threads_alone() -> None:
+    task_id = "nmp/Bottles-v0"
+    TrajectoryVecEnv([lambda n=n: gym.make(task_id, n_threads=n) for n in (1, 2)])
+
+
+def test_a_task_without_physics_is_written_in_a_few_lines_and_diverges_like_any_other() -> None:
+    class Reach(Task):
+        context_names = ("target [m]",)
+        trajectory_names = ("x [m]",)
+        exploration_scale = (0.1,)
+        reward_terms: Mapping[str, str] = {"distance": "minus the last point's distance [m]"}
+        step_reward = "the distance at the last time point [m]"
+        context_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
+        trajectory_space = spaces.Box(-2.0, 2.0, (10, 1), np.float32)
+        dt = 0.5
+
+        @property
+        def reward_range(self) -> tuple[float, float]:
+            return -3.0, 0.0
+
+        def sample_context(self, rng: np.random.Generator) -> np.ndarray:
+            return rng.uniform(-1.0, 1.0, 1)
+
+        def initial_trajectory(self, context: ArrayLike) -> np.ndarray:
+            return np.zeros((10, 1))
+
+        def demonstrate(self, context: ArrayLike, mode: str | None = None) -> np.ndarray:
+            return np.linspace(0.0, 1.0, 10)[:, None] * self.check_context(context)
+
+        def _execute(self, contexts: np.ndarray, trajectories: np.ndarray) -> Measured:
+            distance = np.abs(trajectories[:, -1, 0] - contexts[:, 0])
+            steps = np.zeros((len(contexts), 10))
+            steps[:, -1] = -distance
+            return Measured(
+                executed=0.5 * trajectories,
+                terms={"distance": -distance},
+                successes=distance < 0.1,
+                diverged=contexts[:, 0] < 0,
+                clipped=contexts[:, 0] > 0.9,
+                step_rewards=steps,
+            )
+
+    task = Reach()
+    contexts = np.array([[0.5], [-0.5], [0.95]])
+    rollouts = task.simulate(contexts, [task.demonstrate(c) for c in contexts])
+    np.testing.assert_array_equal(rollouts.diverged, [False, True, False])
+    np.testing.assert_array_equal(rollouts.successes, [True, False, True])
+    np.testing.assert_array_equal(rollouts.clipped, [False, False, True])
+    np.testing.assert_allclose(rollouts.rewards, [0.0, -3.0, 0.0], atol=1e-6)
+    np.testing.assert_array_equal(rollouts.terms["diverged"], [0.0, -3.0, 0.0])
+    np.testing.assert_array_equal(rollouts.executed[1], rollouts.trajectories[1])
+    np.testing.assert_array_equal(rollouts.executed[0], rollouts.trajectories[0] / 2)
+    assert rollouts.step_rewards is not None
+    np.testing.assert_allclose(rollouts.step_rewards.sum(axis=1), rollouts.rewards)
+    assert task.settings == {} and task.duration == 5.0 and task.scene([0.5]) is None
+    check_env(benchmark_envs.TrajectoryEnv(task), skip_render_check=True)
+    with pytest.raises(RenderingUnavailableError, match="Reach draws no pictures"):
+        task.frames([0.5], np.zeros((10, 1)))
+
+
+def test_importing_the_package_loads_no_torch() -> None:
+    lines = (
+        "import sys, benchmark_envs, gymnasium",
+        "gymnasium.make('nmp/Bottles-v0').reset()",
+        "heavy = {'torch', 'stable_baselines3', 'pandas', 'scipy'} & set(sys.modules)",
+        "assert not heavy, heavy",
+        "from benchmark_envs import TrajectoryVecEnv",
+        "assert TrajectoryVecEnv.__name__ == 'TrajectoryVecEnv' and 'torch' in sys.modules",
+        "assert set(benchmark_envs.__all__) <= set(dir(benchmark_envs)) | {'TrajectoryVecEnv'}",
+    )
+    subprocess.run([sys.executable, "-c", "\n".join(lines)], check=True)
+    with pytest.raises(AttributeError, match="no attribute 'TrajectoryVec'"):
+        benchmark_envs.TrajectoryVec  # noqa: B018  # pyright: ignore[reportAttributeAccessIssue]
+
+
+# -- errors and pictures -------------------------------------------------------------------------
 
 
 def test_unknown_ids_settings_and_modes_list_what_exists() -> None:

@@ -5,6 +5,7 @@ end at the goal. Where the opening and the goal lie is the context, so the passa
 different times in different contexts.
 """
 
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar
@@ -12,15 +13,14 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from benchmark_envs.exceptions import InvalidContextError
-from benchmark_envs.executor import BatchExecutor
-from benchmark_envs.motion import interpolate
+from benchmark_envs.executor import SensorLog
+from benchmark_envs.motion import interpolate, resample
+from benchmark_envs.mujoco_task import MujocoTask
 from benchmark_envs.registry import register_task
-from benchmark_envs.rendering import draw
-from benchmark_envs.task import FloatArray, Rollouts, Task
-from benchmark_envs.tasks.bottles import resample
+from benchmark_envs.rollouts import FloatArray, Measured
 
 T = 200
 START = np.array([0.0, 5.0])  # m
@@ -29,7 +29,7 @@ LOW = np.array([2.0, 1.0, 3.5, 0.0])  # m; the thesis's ranges of xc, yc, xg, yg
 HIGH = np.array([8.0, 9.0, 10.0, 10.0])
 GOAL_BEHIND = 1.5  # m; the goal lies at least this far behind the opening's centre
 HALF_THICKNESS, HALF_OPENING = 1.0, 1.0  # m; of the wall along x, of the opening along y
-SUBSTEPS = 2  # of 20 ms: a rollout lasts 8 s, and each time point is one of its 25 frames a second
+SUBSTEPS = 2  # of 20 ms: a rollout lasts 8 s, and a time point is one of 25 frames per second
 START_TOLERANCE, GOAL_TOLERANCE = 0.15, 0.15  # m
 MIN_CLEARANCE = 0.447  # m; for success
 GOOD_CLEARANCE = 0.63  # m; from here on the wall costs nothing
@@ -39,7 +39,7 @@ ROUNDING = 0.45  # m; of its path that each of its turns takes: none lies inside
 
 
 @register_task("nmp/Aperture-v0")
-class ApertureTask(Task):
+class ApertureTask(MujocoTask):
     """A solid wall with one opening, and a disc that is a planar, servo-driven Cartesian robot.
 
     Reward: ``-start - goal - max(0, 0.63 - clearance)``, each term at most 16.97 m. ``start`` is
@@ -50,7 +50,13 @@ class ApertureTask(Task):
     Success: start and goal within 0.15 m, an executed clearance of at least 0.447 m, and no
     contact with the wall.
 
-    :param n_threads: of the simulator; by default one a core
+    >>> task = ApertureTask(n_threads=1)
+    >>> context = [5.0, 5.0, 9.0, 5.0]
+    >>> straight, expert = task.initial_trajectory(context), task.demonstrate(context)
+    >>> task.simulate(context, [straight, expert]).successes.tolist()
+    [True, True]
+
+    :param n_threads: of the simulator; by default one per core
     """
 
     context_names: ClassVar[tuple[str, ...]] = (
@@ -61,6 +67,18 @@ class ApertureTask(Task):
     )
     trajectory_names: ClassVar[tuple[str, ...]] = ("robot x [m]", "robot y [m]")
     exploration_scale: ClassVar[tuple[float, ...]] = (0.5, 0.5)
+    reward_terms: Mapping[str, str] = {
+        "start": "minus the first set-point's distance to the start [m]",
+        "goal": "minus the distance of the executed path's end to the goal [m]",
+        "wall": "minus what the set-points' least clearance lacks of 0.63 m [m]",
+    }
+    step_reward: str = (
+        "a term at the time point it is about [m]: start at the first, wall where the clearance is "
+        "least, goal at the last, 0 elsewhere"
+    )
+    error_unit: str = "m"
+    camera: ClassVar[str] = "top"
+    frame_every: ClassVar[float] = 1
 
     def __init__(self, n_threads: int | None = None) -> None:
         self.context_space = spaces.Box(
@@ -69,16 +87,10 @@ class ApertureTask(Task):
         self.trajectory_space = spaces.Box(
             np.float32(WORLD[0]), np.float32(WORLD[1]), (T, 2), np.float32
         )
-        self.model = _load_model()
-        self.executor = BatchExecutor(self.model, SUBSTEPS, n_threads)
+        super().__init__(_load_model(), SUBSTEPS, n_threads)
         _, minus_kp, minus_kv = self.model.actuator("robot_x").biasprm[:3]
         damping = self.model.dof_damping[0]
         self._lead = float((damping - minus_kv) / -minus_kp)  # s; then the servo follows v exactly
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """The constructor's arguments that change the task: none."""
-        return {}
 
     @property
     def reward_range(self) -> tuple[float, float]:
@@ -86,7 +98,7 @@ class ApertureTask(Task):
         return -3 * WORST_ERROR, 0.0
 
     def check_context(self, context: ArrayLike) -> FloatArray:
-        """Return the context as float64; see `Task.check_context`.
+        """Check the context as `Task.check_context` does, and that the goal lies behind the wall.
 
         :param context: opening and goal, shape (4,) in m
         :raises InvalidContextError: as there, or the goal lies too near behind the opening
@@ -131,73 +143,64 @@ class ApertureTask(Task):
         corners = np.array([START, (xc - APPROACH, yc), (xc + APPROACH, yc), goal])
         return resample(round_corners(corners, ROUNDING), T)
 
-    def frames(
-        self, context: ArrayLike, trajectory: ArrayLike, width: int = 480, height: int = 360
-    ) -> list[NDArray[np.uint8]]:
-        """Run one rollout and draw it from above; see `Task.frames`.
+    def scene(self, context: ArrayLike) -> dict[str, Any]:
+        """Return start, goal and the wall's two parts; see `Task.scene`.
 
-        :param context: shape (4,)
-        :param trajectory: shape (T, 2)
-        :param width: of the picture, in pixels
-        :param height: of the picture, in pixels
+        :param context: opening and goal, shape (4,) in m
         """
-        context = self.check_context(context)
-        controls = self._controls(context[None], self.check_trajectories(trajectory))[0]
-        states = self.executor.states(self._initial_state(context), controls)
-        states[:, 1:3] += context[:2]  # after the time; back to the frame of the world
-        scene = _load_model()
-        scene.body("wall").pos[:2], scene.body("goal").pos[:2] = context[:2], context[2:]
-        return draw(scene, states, "top", width, height)
+        xc, yc, *goal = self.check_context(context).tolist()
+        low, high = WORLD.tolist()
+        left, right = xc - HALF_THICKNESS, xc + HALF_THICKNESS
+        return {
+            "limits": [[low, high], [low, high]],
+            "points": {"start": START.tolist(), "goal": goal},
+            "circles": [],
+            "boxes": [
+                {"low": [left, low], "high": [right, yc - HALF_OPENING]},
+                {"low": [left, yc + HALF_OPENING], "high": [right, high]},
+            ],
+        }
+
+    def _drawn(self, context: FloatArray, states: FloatArray) -> tuple[mujoco.MjModel, FloatArray]:
+        """Move wall and goal to their places, and the robot back to the frame of the world."""
+        model, moved = _load_model(), states.copy()
+        moved[:, 1:3] += context[:2]  # after the time
+        model.body("wall").pos[:2], model.body("goal").pos[:2] = context[:2], context[2:]
+        return model, moved
 
     def _initial_state(self, context: FloatArray) -> FloatArray:
         """At rest at the start, in the opening's frame."""
         return self.executor.initial_state(START - context[:2])
 
-    def _controls(self, contexts: FloatArray, trajectories: FloatArray) -> FloatArray:
+    def _controls(self, contexts: FloatArray, followed: FloatArray) -> FloatArray:
         """Set-points with velocity feed-forward, shape (N, T * SUBSTEPS, 2), opening's frame.
 
         MuJoCo reads its sensors at the beginning of a step, so a step's position is commanded for
         its beginning, and its rate leads to the next one.
         """
-        positions = interpolate(START, trajectories, SUBSTEPS) - contexts[:, None, :2]
+        positions = interpolate(START, followed, SUBSTEPS) - contexts[:, None, :2]
         rates = np.diff(positions, axis=1, append=positions[:, -1:]) / self.model.opt.timestep
         return positions + self._lead * rates
 
-    def _simulate(self, contexts: FloatArray, trajectories: FloatArray) -> Rollouts:
-        states = np.stack([self._initial_state(context) for context in contexts])
-        log = self.executor.run(states, self._controls(contexts, trajectories))
+    def _measure(self, contexts: FloatArray, trajectories: FloatArray, log: SensorLog) -> Measured:
         relative = np.concatenate([log.readings["robot_x"], log.readings["robot_y"]], axis=2)
         executed = relative + contexts[:, None, :2]
-        executed[log.diverged] = trajectories[log.diverged]
-        ok = ~log.diverged
         start_error = np.linalg.norm(trajectories[:, 0] - START, axis=1)
         goal_error = np.linalg.norm(executed[:, -1] - contexts[:, 2:], axis=1)
         wanted = clearances(trajectories, contexts[:, :2])
         lacking = np.maximum(0.0, GOOD_CLEARANCE - wanted.min(axis=1))
-        errors = np.stack([start_error, goal_error, lacking])
-        start, goal, wall = np.where(ok, -np.minimum(errors, WORST_ERROR), 0.0)
-        terms = {
-            "start": start,
-            "goal": goal,
-            "wall": wall,
-            "diverged": np.where(ok, 0.0, self.reward_range[0]),
-        }
-        step_rewards = np.zeros((len(ok), T))
-        step_rewards[:, 0] += terms["start"]
-        step_rewards[np.arange(len(ok)), wanted.argmin(axis=1)] += terms["wall"]
-        step_rewards[:, -1] += terms["goal"] + terms["diverged"]
+        start, goal, wall = -np.minimum([start_error, goal_error, lacking], WORST_ERROR)
+        step_rewards = np.zeros(wanted.shape)
+        step_rewards[:, 0] += start
+        step_rewards[np.arange(len(wall)), wanted.argmin(axis=1)] += wall
+        step_rewards[:, -1] += goal
         touched = (log.peaks["robot_touch"] > 0).any(axis=(1, 2))
         passed = clearances(executed, contexts[:, :2]).min(axis=1) >= MIN_CLEARANCE
         arrived = (start_error <= START_TOLERANCE) & (goal_error <= GOAL_TOLERANCE)
-        return Rollouts(
-            contexts=contexts,
-            trajectories=trajectories,
+        return Measured(
             executed=executed,
-            rewards=np.sum(list(terms.values()), axis=0),
-            successes=ok & ~touched & passed & arrived,
-            diverged=log.diverged,
-            clipped=np.zeros(len(ok), bool),
-            terms=terms,
+            terms={"start": start, "goal": goal, "wall": wall},
+            successes=~touched & passed & arrived,
             step_rewards=step_rewards,
         )
 

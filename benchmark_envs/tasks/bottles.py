@@ -5,7 +5,7 @@ straight line in between. The path must cross that line between them: an S or a 
 """
 
 import math
-from itertools import pairwise
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -15,30 +15,32 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from benchmark_envs.exceptions import TaskError
-from benchmark_envs.executor import BatchExecutor, SensorLog
-from benchmark_envs.motion import interpolate
+from benchmark_envs.executor import SensorLog
+from benchmark_envs.motion import interpolate, resample
+from benchmark_envs.mujoco_task import MujocoTask
 from benchmark_envs.registry import register_task
-from benchmark_envs.rendering import draw
-from benchmark_envs.task import BoolArray, FloatArray, Rollouts, Task
+from benchmark_envs.rollouts import BoolArray, FloatArray, Measured
 
 T = 200
 START = np.array([0.5, -0.4])  # m
 GOAL = np.array([0.5, 0.4])  # m
 BOTTLES = np.array([0.5, -0.2, 0.5, 0.0])  # m; the thesis's positions
-SUM_OF_RADII = 0.065  # m; of a bottle (0.03) and the hand (0.035)
+BOTTLE_RADIUS = 0.03  # m
+SUM_OF_RADII = 0.065  # m; of a bottle and the hand (0.035)
 BOTTLE_HEIGHT = 0.18  # m
 WORKSPACE = np.array([[0.1, -0.6], [0.9, 0.6]])  # m; low and high corner
 SUBSTEPS = 2  # of 5 ms: a rollout lasts 2 s
-FRAMES_PER_ROLLOUT = 50  # 25 a second
 GOAL_TOLERANCE = 0.02  # m
 FALLEN = math.cos(math.radians(15))  # a bottle that leans more has been knocked over
 SIDE_MARGIN = 1e-3  # m; a hand this close to the line of the bottles has not changed sides
 LONGEST = 10.0  # m; longer paths than this cost no more, so that the reward is bounded
+OPTIMUM = -0.129  # reward of the shortest path in the thesis's arrangement, 0.860 m long
+PLANE = [[0.3, 0.7], [-0.47, 0.47]]  # m; the part of the workspace that matters
 DOWN, NOT_CROSSED, PER_METRE = -2.0, -4.0, -0.15  # Eq. 6.4
 
 
 @register_task("nmp/Bottles-v0")
-class BottlesTask(Task):
+class BottlesTask(MujocoTask):
     """Two free-standing bottles and a hand that is a planar, servo-driven Cartesian robot.
 
     Reward (Eq. 6.4): ``-2 N_down - 4 I - 0.15 L`` with the number of bottles touched or fallen,
@@ -46,8 +48,13 @@ class BottlesTask(Task):
     shortest path that solves the thesis's arrangement is 0.860 m long: the optimum is -0.129.
     Success: no bottle down, crossed, and the hand ends within 0.02 m of the goal.
 
+    >>> task = BottlesTask(n_threads=1)
+    >>> rollouts = task.simulate(BOTTLES, task.demonstrate(BOTTLES, "reverse_s"))
+    >>> round(float(rollouts.rewards[0]), 2), task.mode_of(BOTTLES, rollouts.executed[0])
+    (-0.13, 'reverse_s')
+
     :param random_bottles: draw the bottles' positions for each context instead of the thesis's
-    :param n_threads: of the simulator; by default one a core
+    :param n_threads: of the simulator; by default one per core
     """
 
     context_names: ClassVar[tuple[str, ...]] = (
@@ -61,9 +68,16 @@ class BottlesTask(Task):
     # Chosen on seeds from 1000 on: REPS, DREPS, GA and RC-NMP all find the crossing twice as fast
     # as with 0.15 m along the direction of travel too.
     exploration_scale: ClassVar[tuple[float, ...]] = (0.15, 0.03)
+    reward_terms: Mapping[str, str] = {
+        "bottles_down": "-2 for each bottle that was touched or fell",
+        "not_crossed": "-4 if the path does not cross between the bottles",
+        "length": "-0.15 per metre of the executed path",
+    }
+    frame_every: ClassVar[float] = 4
 
     def __init__(self, random_bottles: bool = False, n_threads: int | None = None) -> None:
         self.random_bottles = random_bottles
+        self.optimum = None if random_bottles else ("shortest path", OPTIMUM)
         self.context_space = spaces.Box(
             np.array([0.45, -0.25, 0.45, -0.05], np.float32),
             np.array([0.55, -0.15, 0.55, 0.10], np.float32),
@@ -74,13 +88,8 @@ class BottlesTask(Task):
             np.broadcast_to(WORKSPACE[1], (T, 2)).astype(np.float32),
             dtype=np.float32,
         )
-        self.model = mujoco.MjModel.from_xml_path(str(Path(__file__).with_name("bottles.xml")))
-        self.executor = BatchExecutor(self.model, SUBSTEPS, n_threads)
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """The constructor's arguments that change the task."""
-        return {"random_bottles": self.random_bottles}
+        model = mujoco.MjModel.from_xml_path(str(Path(__file__).with_name("bottles.xml")))
+        super().__init__(model, SUBSTEPS, n_threads)
 
     @property
     def reward_range(self) -> tuple[float, float]:
@@ -120,21 +129,37 @@ class BottlesTask(Task):
         path = taut_path(bottles, SUM_OF_RADII + 0.005, side)
         return resample(path, T)
 
-    def frames(
-        self, context: ArrayLike, trajectory: ArrayLike, width: int = 480, height: int = 360
-    ) -> list[NDArray[np.uint8]]:
-        """Run one rollout and draw it; see `Task.frames`.
+    def mode_of(self, context: ArrayLike, executed: ArrayLike) -> str:
+        """Tell on which side of bottle 0 a path passes, where it comes closest to the bottle's y.
 
-        :param context: shape (4,)
-        :param trajectory: shape (T, 2)
-        :param width: of the picture, in pixels
-        :param height: of the picture, in pixels
+        :param context: bottle positions, shape (4,) in m
+        :param executed: shape (T, 2) in m
+        :return: ``"s"`` at larger x than the bottle, ``"reverse_s"`` otherwise
         """
-        context = self.check_context(context)
-        controls = self._controls(self.check_trajectories(trajectory))[0]
-        states = self.executor.states(self._initial_state(context), controls)
-        shown = np.linspace(0, T - 1, FRAMES_PER_ROLLOUT).astype(int)
-        return draw(self.model, states[shown], "overview", width, height)
+        path, (x, y) = np.asarray(executed), np.asarray(context)[:2]
+        nearest = np.argmin(np.abs(path[:, 1] - y))
+        return "s" if path[nearest, 0] > x else "reverse_s"
+
+    def scene(self, context: ArrayLike) -> dict[str, Any]:
+        """Return start, goal, the bottles and how near the hand may come; see `Task.scene`.
+
+        :param context: bottle positions, shape (4,) in m
+        """
+        centers = self.check_context(context).reshape(2, 2).tolist()
+        kinds = (
+            (BOTTLE_RADIUS, "solid", "bottle"),
+            (SUM_OF_RADII, "dashed", "nearer, the hand touches the bottle"),
+        )
+        return {
+            "limits": PLANE,
+            "points": {"start": START.tolist(), "goal": GOAL.tolist()},
+            "circles": [
+                {"center": center, "radius": radius, "style": style, "label": label}
+                for center in centers
+                for radius, style, label in kinds
+            ],
+            "boxes": [],
+        }
 
     def _initial_state(self, context: FloatArray) -> FloatArray:
         """Hand at the start, bottles upright at their places, everything at rest."""
@@ -146,43 +171,29 @@ class BottlesTask(Task):
             qpos[address : address + 3] = *bottle, BOTTLE_HEIGHT / 2
         return self.executor.initial_state(qpos)
 
-    def _controls(self, trajectories: FloatArray) -> FloatArray:
+    def _controls(self, contexts: FloatArray, followed: FloatArray) -> FloatArray:
         """Set-points and their rates for the servos, shape (N, T * SUBSTEPS, 4)."""
-        positions = interpolate(START, trajectories, SUBSTEPS)
+        positions = interpolate(START, followed, SUBSTEPS)
         before = np.concatenate(
             [np.broadcast_to(START, (len(positions), 1, 2)), positions[:, :-1]], axis=1
         )
         return np.concatenate([positions, (positions - before) / self.model.opt.timestep], axis=2)
 
-    def _simulate(self, contexts: FloatArray, trajectories: FloatArray) -> Rollouts:
-        unique, which = np.unique(contexts, axis=0, return_inverse=True)
-        states = np.stack([self._initial_state(context) for context in unique])[which]
-        log = self.executor.run(states, self._controls(trajectories))
+    def _measure(self, contexts: FloatArray, trajectories: FloatArray, log: SensorLog) -> Measured:
         executed = np.concatenate([log.readings["hand_x"], log.readings["hand_y"]], axis=2)
-        executed[log.diverged] = trajectories[log.diverged]
-        ok = ~log.diverged
         down = bottles_down(log)
         crossed = crosses_between(executed, contexts.reshape(-1, 2, 2))
         length = np.minimum(path_length(executed), LONGEST)
-        terms = {
-            "bottles_down": np.where(ok, DOWN * down, 0.0),
-            "not_crossed": np.where(ok, NOT_CROSSED * ~crossed, 0.0),
-            "length": np.where(ok, PER_METRE * length, 0.0),
-            "diverged": np.where(ok, 0.0, self.reward_range[0]),
-        }
         at_goal = np.linalg.norm(executed[:, -1] - GOAL, axis=1) <= GOAL_TOLERANCE
-        return Rollouts(
-            contexts=contexts,
-            trajectories=trajectories,
+        return Measured(
             executed=executed,
-            rewards=np.sum(list(terms.values()), axis=0),
-            successes=ok & (down == 0) & crossed & at_goal,
-            diverged=log.diverged,
-            clipped=np.zeros(len(ok), bool),
-            terms=terms,
-            paths={
-                f"bottle_{i}": np.nan_to_num(log.readings[f"bottle_{i}_position"]) for i in (0, 1)
+            terms={
+                "bottles_down": DOWN * down,
+                "not_crossed": NOT_CROSSED * ~crossed,
+                "length": PER_METRE * length,
             },
+            successes=(down == 0) & crossed & at_goal,
+            paths={f"bottle_{i}": log.readings[f"bottle_{i}_position"] for i in (0, 1)},
         )
 
 
@@ -269,15 +280,3 @@ def taut_path(bottles: FloatArray, radius: float, side: float) -> FloatArray:
         arc = begin + np.linspace(0.0, sweep, 50)
         points.extend(bottle + radius * np.stack([np.cos(arc), np.sin(arc)], axis=1))
     return np.array([*points, GOAL])
-
-
-def resample(path: FloatArray, n: int) -> FloatArray:
-    """Return n points at uniform speed along a path, shape (n, 2).
-
-    :param path: shape (K, 2)
-    :param n: how many points
-    """
-    steps = [float(np.linalg.norm(b - a)) for a, b in pairwise(path)]
-    length = np.concatenate([[0.0], np.cumsum(steps)])
-    at = np.linspace(0.0, length[-1], n)
-    return np.stack([np.interp(at, length, path[:, i]) for i in range(path.shape[1])], axis=1)

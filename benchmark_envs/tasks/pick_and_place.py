@@ -6,20 +6,21 @@ the skill to an object of 8 and a tower of 10 cm, and to 9 and 11 cm (`demonstra
 """
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import mujoco
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from benchmark_envs.cache import ContextCache
-from benchmark_envs.executor import BatchExecutor, SensorLog
+from benchmark_envs.executor import SensorLog
 from benchmark_envs.motion import interpolate, limit_speed
+from benchmark_envs.mujoco_task import MujocoTask
 from benchmark_envs.registry import register_task
-from benchmark_envs.rendering import draw
-from benchmark_envs.task import BoolArray, FloatArray, Rollouts, Task
+from benchmark_envs.rollouts import BoolArray, FloatArray, Measured
 from benchmark_envs.tasks.pick_and_place_expert import (
     CLOSING,
     EXTRAPOLATION_CONTEXTS,
@@ -41,11 +42,10 @@ from benchmark_envs.tasks.pick_and_place_expert import (
 T = 200
 SUBSTEPS = 10  # of 2.5 ms
 TIME_POINT = 0.025  # s; between set-points: a rollout lasts 5 s
-FRAME_EVERY = 5  # time points: a film of 1.6 s, three times as fast as the rollout
 JOINTS = ("base", "shoulder", "elbow", "wrist_1", "wrist_2", "wrist_3")
 FINGERS = ("finger_left", "finger_right")
 JOINT_LIMIT = 2 * np.pi  # rad; of all joints (Universal Robots' data sheet)
-#: rad a time point; 120 degrees a second at base and shoulder, 180 at the others, as there
+#: rad per time point; 120 degrees per second at base and shoulder, 180 at the others, as there
 FASTEST = np.radians([120.0, 120.0, 180.0, 180.0, 180.0, 180.0]) * TIME_POINT
 LOW = np.array([0.02, 0.02])  # m; heights of object and tower that gripper and expert can take
 HIGH = np.array([0.09, 0.11])  # m
@@ -65,7 +65,7 @@ CARRY = slice(CLOSES.stop - 1, OPENS.start + 1)
 
 
 @register_task("nmp/PickAndPlace-v0")
-class PickAndPlaceTask(Task):
+class PickAndPlaceTask(MujocoTask):
     """A UR10 with a two-finger gripper, a box to carry, a tower that can fall, and a place.
 
     The trajectory holds the six joint angles; the gripper follows a fixed script in time. What is
@@ -96,8 +96,15 @@ class PickAndPlaceTask(Task):
 
     Set-points are followed at most at the UR10's speed limits (120 degrees/s at base and shoulder,
     180 at the others); ``clipped`` tells where that, or the joints' range, held one back.
+    The film is three times faster than the rollout.
 
-    :param n_threads: of the simulator; by default one a core
+    >>> task = PickAndPlaceTask(n_threads=1)
+    >>> heights = [0.06, 0.08]  # m; of object and tower
+    >>> rollouts = task.simulate(heights, task.demonstrate(heights))
+    >>> bool(rollouts.successes[0]), round(float(rollouts.rewards[0]), 2)
+    (True, -0.0)
+
+    :param n_threads: of the simulator; by default one per core
     """
 
     context_names: ClassVar[tuple[str, ...]] = ("object height [m]", "tower height [m]")
@@ -105,6 +112,13 @@ class PickAndPlaceTask(Task):
     # Less than 2 degrees of the joints that raise and lower the tool, and a third of that of the
     # others: with smooth noise of 0.5, 1 and 2 degrees the expert succeeds in 100, 72, 13 %.
     exploration_scale: ClassVar[tuple[float, ...]] = (0.01, 0.03, 0.03, 0.03, 0.01, 0.01)
+    reward_terms: Mapping[str, str] = {
+        "grasp": "minus the gripper's distance to its pose at the object while it closes [m]",
+        "place": "minus the gripper's distance to its pose at the place while it opens [m]",
+        "avoid": "minus the distances of the carry to three points over the tower, summed [m]",
+    }
+    error_unit: str = "m"
+    frame_every: ClassVar[float] = 5
     #: for `extrapolation`, shapes (8, 2) and (2, 2) in m
     demonstrated_contexts: ClassVar[FloatArray] = demonstration_contexts()
     extrapolation_contexts: ClassVar[FloatArray] = EXTRAPOLATION_CONTEXTS
@@ -113,16 +127,10 @@ class PickAndPlaceTask(Task):
         self.context_space = spaces.Box(LOW.astype(np.float32), HIGH.astype(np.float32))
         self.trajectory_space = spaces.Box(-JOINT_LIMIT, JOINT_LIMIT, (T, len(JOINTS)), np.float32)
         self.spec = mujoco.MjSpec.from_file(str(Path(__file__).with_suffix(".xml")))
-        self.model = self.spec.compile()
-        self.executor = BatchExecutor(self.model, SUBSTEPS, n_threads)
+        super().__init__(self.spec.compile(), SUBSTEPS, n_threads)
         self._models = ContextCache(self._compile, CACHED_MODELS)
         _, minus_kp, minus_kv = self.model.actuator_biasprm[: len(JOINTS), :3].T
         self._lead = minus_kv / minus_kp  # s; then the servos follow a set-point's speed exactly
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """The constructor's arguments that change the task: none."""
-        return {}
 
     @property
     def reward_range(self) -> tuple[float, float]:
@@ -147,30 +155,13 @@ class PickAndPlaceTask(Task):
     def demonstrate(self, context: ArrayLike, mode: str | None = None) -> FloatArray:
         """Return the expert's trajectory, which always succeeds, shape (T, 6) in rad.
 
-        See `pick_and_place_expert` for its style.
+        It carries at a habitual height, and higher only where tower and object need it.
 
         :param context: heights of object and tower, shape (2,) in m
         :param mode: ``"default"``, the only one
         """
         self.check_mode(mode)
         return inverse_kinematics(tool_path(self.check_context(context), T))
-
-    def frames(
-        self, context: ArrayLike, trajectory: ArrayLike, width: int = 480, height: int = 360
-    ) -> list[NDArray[np.uint8]]:
-        """Run one rollout and draw it; see `Task.frames`, but three times as fast, 40 pictures.
-
-        :param context: shape (2,)
-        :param trajectory: shape (T, 6)
-        :param width: of the picture, in pixels
-        :param height: of the picture, in pixels
-        """
-        context = self.check_context(context)
-        model = self._model(context)
-        commanded = limit_speed(HOME, self.check_trajectories(trajectory), FASTEST)
-        controls = self._controls(commanded)[0]
-        states = self.executor.states(self._initial_state(context), controls, model)
-        return draw(model, states[FRAME_EVERY - 1 :: FRAME_EVERY], "overview", width, height)
 
     def _model(self, context: FloatArray) -> mujoco.MjModel:
         """Return the model with the context's heights.
@@ -199,49 +190,32 @@ class PickAndPlaceTask(Task):
             qpos[address : address + 3] = *place, height / 2
         return self.executor.initial_state(qpos)
 
-    def _controls(self, trajectories: FloatArray) -> FloatArray:
+    def _follow(self, trajectories: FloatArray) -> FloatArray:
+        """Hold the joints to their speed, beginning at home."""
+        return limit_speed(HOME, trajectories, FASTEST)
+
+    def _controls(self, contexts: FloatArray, followed: FloatArray) -> FloatArray:
         """Set-points with velocity feed-forward, and the gripper's, shape (N, T * SUBSTEPS, 7)."""
-        positions = interpolate(HOME, trajectories, SUBSTEPS)
+        positions = interpolate(HOME, followed, SUBSTEPS)
         rates = np.diff(positions, axis=1, append=positions[:, -1:]) / self.model.opt.timestep
         time = np.arange(1, T * SUBSTEPS + 1) / (T * SUBSTEPS)
         grip = np.interp(time, [*CLOSING, *OPENING], [OPEN, 0.0, 0.0, OPEN])
         fingers = np.broadcast_to(grip[:, None], (len(positions), T * SUBSTEPS, 1))
         return np.concatenate([positions + self._lead * rates, fingers], axis=2)
 
-    def _simulate(self, contexts: FloatArray, trajectories: FloatArray) -> Rollouts:
-        unique, which = np.unique(contexts, axis=0, return_inverse=True)
-        kinds = [self._model(context) for context in unique]
-        states = np.stack([self._initial_state(context) for context in unique])[which]
-        commanded = limit_speed(HOME, trajectories, FASTEST)
-        log = self.executor.run(states, self._controls(commanded), [kinds[i] for i in which])
-        ok = ~log.diverged
-        executed = np.concatenate([log.readings[name] for name in JOINTS], axis=2)
-        executed[~ok] = trajectories[~ok]
-        tool, flange = (
-            np.nan_to_num(log.readings[f"{name}_position"]) for name in ("tool", "flange")
-        )
-        errors = pose_errors(tool, flange, grasp_points(log, contexts), contexts)
-        terms = {
-            name: np.where(ok, -np.minimum(error, FARTHEST), 0.0) for name, error in errors.items()
-        }
-        terms["diverged"] = np.where(ok, 0.0, self.reward_range[0])
-        outcomes = contact_outcomes(log, contexts)
-        placed = np.linalg.norm(log.readings["object_position"][:, -1, :2] - PLACE, axis=1)
-        failed = outcomes["touched_tower"] | outcomes["toppled"] | ~outcomes["grasped"]
-        return Rollouts(
-            contexts=contexts,
-            trajectories=trajectories,
-            executed=executed,
-            rewards=np.sum(list(terms.values()), axis=0),
-            successes=ok & ~failed & (placed <= PLACE_TOLERANCE),
-            diverged=log.diverged,
-            clipped=np.any(commanded != trajectories, axis=(1, 2)),
-            terms=terms,
-            paths={
-                name: np.nan_to_num(log.readings[f"{name}_position"])
-                for name in ("tool", "object", "tower")
-            },
-            outcomes={name: np.where(ok, happened, 0.0) for name, happened in outcomes.items()},
+    def _measure(self, contexts: FloatArray, trajectories: FloatArray, log: SensorLog) -> Measured:
+        paths = {name: log.readings[f"{name}_position"] for name in ("tool", "object", "tower")}
+        grasp = grasp_points(log, contexts)
+        errors = pose_errors(paths["tool"], log.readings["flange_position"], grasp, contexts)
+        happened = contact_outcomes(log, contexts)
+        placed = np.linalg.norm(paths["object"][:, -1, :2] - PLACE, axis=1)
+        failed = happened["touched_tower"] | happened["toppled"] | ~happened["grasped"]
+        return Measured(
+            executed=np.concatenate([log.readings[name] for name in JOINTS], axis=2),
+            terms={name: -np.minimum(error, FARTHEST) for name, error in errors.items()},
+            successes=~failed & (placed <= PLACE_TOLERANCE),
+            paths=paths,
+            outcomes={name: np.where(log.diverged, 0.0, did) for name, did in happened.items()},
         )
 
 
@@ -252,8 +226,7 @@ def grasp_points(log: SensorLog, contexts: FloatArray) -> FloatArray:
     :param contexts: heights of object and tower, shape (N, 2) in m
     """
     position, axis = (
-        np.nan_to_num(log.readings[f"object_{name}"][:, CLOSES.start - 1])
-        for name in ("position", "axis")
+        log.readings[f"object_{name}"][:, CLOSES.start - 1] for name in ("position", "axis")
     )
     return position + (contexts[:, :1] / 2 - GRASP_DEPTH) * axis
 

@@ -15,19 +15,20 @@ demonstrations it is 18 g.
 Demonstrations of 100 to 400 g alone make the answers vary more: half of them pour nearly all.
 """
 
-from typing import Any, ClassVar
+from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from benchmark_envs.cache import ContextCache
 from benchmark_envs.exceptions import InvalidContextError, TaskError
-from benchmark_envs.executor import BatchExecutor, SensorLog
+from benchmark_envs.executor import SensorLog
 from benchmark_envs.motion import interpolate, limit_speed
+from benchmark_envs.mujoco_task import MujocoTask
 from benchmark_envs.registry import register_task
-from benchmark_envs.rendering import draw
-from benchmark_envs.task import BoolArray, FloatArray, Rollouts, Task
+from benchmark_envs.rollouts import FloatArray, Measured
 from benchmark_envs.tasks.pouring_expert import peak_tilt, plan
 from benchmark_envs.tasks.pouring_grains import (
     CUP,
@@ -43,16 +44,15 @@ from benchmark_envs.tasks.pouring_grains import (
 )
 
 T = 200
-SUBSTEPS = 2  # of 8 ms: 16 ms a time point, 3.2 s a trajectory
-TIMES = 0.016 * np.arange(1, T + 1, dtype=np.float64)  # s; when the set-points are reached
-UPRIGHT = 63  # time points, 1 s, after the trajectory: the cup goes upright, and what falls lands
+SUBSTEPS = 2  # of 8 ms: 16 ms per time point, 3.2 s per trajectory
+UPRIGHT = np.zeros(1)  # rad
+RETURN = 63  # time points, 1 s, after the trajectory: the cup goes upright, and what falls lands
 LOWEST, HIGHEST = -0.35, 2.2  # rad; of the wrist: 0 is upright, and it pours at positive angles
-FASTEST = 0.016 * np.pi  # rad a time point; the wrist of a UR10 turns by 180 degrees a second
+FASTEST = 0.016 * np.pi  # rad per time point; a UR10's wrist turns by 180 degrees per second
 LEAST, MOST = 500.0, 1500.0  # g; in the cup at first: it is then filled to 48 and 116 mm of 150
 LEAST_TARGET = 50.0  # g
 TOLERANCE = 27.0  # g; the thesis's error after adaptation
 CHUNK = 8  # rollouts, 4 MB of states each
-FRAME_EVERY = 2.5  # time points: 25 pictures a second
 
 #: `sample_context` draws from these: least and most of initial amount and amount to pour, in g
 DEMONSTRATED = np.array([[850.0, 150.0], [950.0, 600.0]])
@@ -80,7 +80,7 @@ def demonstration_contexts() -> FloatArray:
 
 
 @register_task("nmp/Pouring-v0")
-class PouringTask(Task):
+class PouringTask(MujocoTask):
     """A cup with 50 to 150 marbles that a wrist tilts, and a second cup that is to catch some.
 
     The initial amount decides how many marbles are in play, one for about 10 g, so a fuller cup
@@ -93,16 +93,27 @@ class PouringTask(Task):
     Reward: ``short + excess``, minus the absolute difference of poured and wanted grams. Success:
     it is at most 27 g.
 
-    The wrist turns by at most 180 degrees a second: it follows faster set-points, and a first one
+    The wrist turns by at most 180 degrees per second: it follows faster set-points, and a first one
     away from upright, as quickly as it can. ``clipped`` reports that as well, and ``executed`` has
     the angles that were reached.
 
-    :param n_threads: of the simulator; by default one a core
+    >>> task = PouringTask(n_threads=1)
+    >>> rollouts = task.simulate([900.0, 300.0], task.initial_trajectory([900.0, 300.0]))
+    >>> float(rollouts.rewards[0]), float(rollouts.outcomes["kept"][0])
+    (-300.0, 900.0)
+
+    :param n_threads: of the simulator; by default one per core
     """
 
     context_names: ClassVar[tuple[str, ...]] = ("initial amount [g]", "amount to pour [g]")
     trajectory_names: ClassVar[tuple[str, ...]] = ("wrist angle [rad]",)
     exploration_scale: ClassVar[tuple[float, ...]] = (0.1,)
+    reward_terms: Mapping[str, str] = {
+        "short": "minus what was poured too little [g]",
+        "excess": "minus what was poured too much [g]",
+    }
+    error_unit: str = "g"
+    frame_every: ClassVar[float] = 2.5
     #: for `extrapolation`, shapes (16, 2) and (6, 2) in g
     demonstrated_contexts: ClassVar[FloatArray] = demonstration_contexts()
     extrapolation_contexts: ClassVar[FloatArray] = EXTRAPOLATION_CONTEXTS
@@ -112,16 +123,10 @@ class PouringTask(Task):
             np.array([LEAST, LEAST_TARGET], np.float32), np.array([MOST, MOST], np.float32)
         )
         self.trajectory_space = spaces.Box(LOWEST, HIGHEST, (T, 1), np.float32)
-        self.model = load_model()
-        self.executor = BatchExecutor(self.model, SUBSTEPS, n_threads, CHUNK)
+        super().__init__(load_model(), SUBSTEPS, n_threads, CHUNK)
         self._settled: FloatArray | None = None
         self._states: dict[int, FloatArray] = {}
         self._solutions = ContextCache(self._refine, CACHED_SOLUTIONS)
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """The constructor's arguments that change the task: none."""
-        return {}
 
     @property
     def reward_range(self) -> tuple[float, float]:
@@ -129,7 +134,7 @@ class PouringTask(Task):
         return -MOST, 0.0
 
     def check_context(self, context: ArrayLike) -> FloatArray:
-        """Return the context as float64; see `Task.check_context`.
+        """Check the context as `Task.check_context` does, and that the cup holds what is poured.
 
         :param context: initial amount and amount to pour, shape (2,) in g
         :raises InvalidContextError: as there, or more is to be poured than is in the cup
@@ -174,22 +179,6 @@ class PouringTask(Task):
         self.check_mode(mode)
         return self._solutions[self.check_context(context)].copy()
 
-    def frames(
-        self, context: ArrayLike, trajectory: ArrayLike, width: int = 480, height: int = 360
-    ) -> list[NDArray[np.uint8]]:
-        """Run one rollout and draw it until the cup is upright again; see `Task.frames`.
-
-        :param context: shape (2,)
-        :param trajectory: shape (T, 1)
-        :param width: of the picture, in pixels
-        :param height: of the picture, in pixels
-        """
-        initial = self.check_context(context)[0]
-        controls = self._controls(self._follow(self.check_trajectories(trajectory)))[0]
-        states = self.executor.states(self._initial_state(self._count(initial)), controls)
-        shown = np.arange(0.0, len(states), FRAME_EVERY).astype(int)
-        return draw(self.model, states[shown], "overview", width, height)
-
     def _refine(self, context: FloatArray) -> FloatArray:
         """Simulate plans, each aimed off by a part of the last one's miss, and return the best.
 
@@ -199,7 +188,7 @@ class PouringTask(Task):
         initial, target = context
         aim, best, least = target, None, TOLERANCE
         for k in range(REFINEMENTS):
-            trajectory = plan(peak_tilt(initial, aim), TIMES)
+            trajectory = plan(peak_tilt(initial, aim), self.times)
             miss = target - self.simulate(context, trajectory).outcomes["poured"][0]
             if abs(miss) <= least:
                 best, least = trajectory, abs(miss)
@@ -218,7 +207,11 @@ class PouringTask(Task):
         """Return the number of grains in play for an initial amount in g."""
         return round(float(initial) / GRAIN)
 
-    def _initial_state(self, n: int) -> FloatArray:
+    def _initial_state(self, context: FloatArray) -> FloatArray:
+        """Return the state with the cup upright and the initial amount at rest in it."""
+        return self._at_rest(self._count(context[0]))
+
+    def _at_rest(self, n: int) -> FloatArray:
         """Return the state with the cup upright and n grains at rest in it; cached."""
         if n not in self._states:
             if self._settled is None:
@@ -228,58 +221,45 @@ class PouringTask(Task):
         return self._states[n]
 
     def _follow(self, trajectories: FloatArray) -> FloatArray:
-        """Return what the wrist can follow of set-points and of the return afterwards.
+        """Hold the wrist to its speed, beginning upright."""
+        return limit_speed(UPRIGHT, trajectories, FASTEST)
 
-        :param trajectories: shape (N, T, 1) in rad
-        :return: shape (N, T + UPRIGHT, 1) in rad
-        """
-        upright = np.zeros((len(trajectories), UPRIGHT, 1))
-        wanted = np.concatenate([trajectories, upright], axis=1)
-        return limit_speed(np.zeros(1), wanted, FASTEST)
-
-    def _controls(self, limited: FloatArray) -> FloatArray:
-        """Return what the servo is commanded, shape (N, (T + UPRIGHT) * SUBSTEPS, 1).
+    def _controls(self, contexts: FloatArray, followed: FloatArray) -> FloatArray:
+        """Return what the servo is commanded, the return to upright after the trajectory included.
 
         MuJoCo reads its sensors at the beginning of a step, so each set-point is commanded a step
         earlier.
+
+        :param contexts: shape (N, 2) in g
+        :param followed: shape (N, T, 1) in rad
+        :return: shape (N, (T + RETURN) * SUBSTEPS, 1) in rad
         """
-        controls = interpolate(np.zeros(1), limited, SUBSTEPS)
+        upright = np.broadcast_to(UPRIGHT, (len(followed), RETURN, 1))
+        wanted = np.concatenate([followed, upright], axis=1)
+        controls = interpolate(UPRIGHT, limit_speed(UPRIGHT, wanted, FASTEST), SUBSTEPS)
         return np.concatenate([controls[:, 1:], controls[:, -1:]], axis=1)
 
-    def _simulate(self, contexts: FloatArray, trajectories: FloatArray) -> Rollouts:
+    def _measure(self, contexts: FloatArray, trajectories: FloatArray, log: SensorLog) -> Measured:
         initial, target = contexts.T
-        counts = np.array([self._count(amount) for amount in initial])
-        states = np.stack([self._initial_state(n) for n in counts])
-        limited = self._follow(trajectories)
-        log = self.executor.run(states, self._controls(limited))
-        ok = ~log.diverged
-        executed = log.readings["wrist"][:, :T].copy()
-        executed[~ok] = trajectories[~ok]
-        poured, kept, spilled = self._outcomes(log, initial, counts, ok)
-        terms = {
-            "short": np.where(ok, -np.maximum(target - poured, 0.0), 0.0),
-            "excess": np.where(ok, -np.maximum(poured - target, 0.0), 0.0),
-            "diverged": np.where(ok, 0.0, self.reward_range[0]),
-        }
-        return Rollouts(
-            contexts=contexts,
-            trajectories=trajectories,
-            executed=executed,
-            rewards=np.sum(list(terms.values()), axis=0),
-            successes=ok & (np.abs(poured - target) <= TOLERANCE),
-            diverged=log.diverged,
-            clipped=np.any(limited[:, :T] != trajectories, axis=(1, 2)),
-            terms=terms,
+        poured, kept, spilled = self._amounts(log, initial)
+        return Measured(
+            executed=log.readings["wrist"][:, :T],
+            terms={
+                "short": -np.maximum(target - poured, 0.0),
+                "excess": -np.maximum(poured - target, 0.0),
+            },
+            successes=np.abs(poured - target) <= TOLERANCE,
             outcomes={"poured": poured, "kept": kept, "spilled": spilled},
         )
 
-    def _outcomes(
-        self, log: SensorLog, initial: FloatArray, counts: NDArray[np.int_], ok: BoolArray
+    def _amounts(
+        self, log: SensorLog, initial: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return poured, kept and spilled g, each of shape (N,); all is kept where not ok."""
+        """Return poured, kept and spilled g, each of shape (N,); all is kept where it diverged."""
+        counts = np.array([self._count(amount) for amount in initial])
         positions = grain_positions(self.model, log.final_states, int(counts.max()))
         in_play = np.arange(positions.shape[1]) < counts[:, None]
         positions = np.where(in_play[..., None], positions, -np.inf)
-        poured = np.where(ok, count_inside(positions, RECEIVER), 0)
-        kept = np.where(ok, count_inside(positions, CUP), counts)
+        poured = np.where(log.diverged, 0, count_inside(positions, RECEIVER))
+        kept = np.where(log.diverged, counts, count_inside(positions, CUP))
         return shares(initial, counts, poured, kept)

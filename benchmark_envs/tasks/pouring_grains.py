@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark_envs.executor import BatchExecutor
-from benchmark_envs.task import FloatArray
+from benchmark_envs.rollouts import FloatArray
 
 GRAINS = 150  # as many as the cup can hold with a third of its height to spare
 GRAIN = 10.0  # g

@@ -5,21 +5,22 @@ demonstrations and learn the tenth. `leave_one_out` makes that split.
 """
 
 import copy
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import mujoco
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from benchmark_envs.cache import ContextCache
 from benchmark_envs.exceptions import TaskError
-from benchmark_envs.executor import BatchExecutor, SensorLog
+from benchmark_envs.executor import SensorLog
 from benchmark_envs.motion import interpolate
+from benchmark_envs.mujoco_task import MujocoTask
 from benchmark_envs.registry import register_task
-from benchmark_envs.rendering import draw
-from benchmark_envs.task import BoolArray, FloatArray, Rollouts, Task
+from benchmark_envs.rollouts import BoolArray, FloatArray, Measured
 from benchmark_envs.tasks.push_expert import (
     APPROACH_DEPTH,
     POCKET_DEPTH,
@@ -35,12 +36,16 @@ OBJECT = ("object_x", "object_y")
 START = np.array([-0.5106, 2.4228, -0.9142])  # rad
 CYLINDER = np.array([0.2796, -0.0624])  # m; where it stands at first
 JOINT_LIMIT = 3.5  # rad
-SUBSTEPS = 3  # of 1/60 s: 0.05 s a time point, 15 s a rollout
-FRAME_EVERY = 4  # time points: a film of 3 s, five times as fast as the rollout
+SUBSTEPS = 3  # of 1/60 s: 0.05 s per time point, 15 s per rollout
 GOAL_TOLERANCE = 0.03  # m
 FARTHEST = 0.5  # m; an error of the path counts no more than this, so that the reward is bounded
 FARTHEST_END = 1.0  # m; the same for the final distance
-REWARDS = ("path", "goal")
+#: by the name of the reward: its only term's meaning and unit
+REWARDS = {
+    "path": ("minus the sum over time of the squared distance to the expert's path [m²]", "m²"),
+    "goal": ("minus the cylinder's final distance to the target [m]", "m"),
+}
+STEP_REWARD = "minus the cylinder's squared distance to the expert's path at that time point [m²]"
 
 #: the ten targets of the thesis, numbered from 0, x and y in m
 TARGETS = np.array(
@@ -70,7 +75,7 @@ CACHED_SOLUTIONS = 4096  # of the expert; 12 kB each
 
 
 @register_task("nmp/Push-v0")
-class PushTask(Task):
+class PushTask(MujocoTask):
     """A cylinder on a table, a planar arm with a U-shaped hand, and a target.
 
     Reward ``"path"`` (the thesis's): minus the sum, over the time points, of the squared distance
@@ -84,8 +89,15 @@ class PushTask(Task):
     The path reward needs the expert, so `simulate` raises `TaskError` in a context that the expert
     cannot solve; the goal reward takes any.
 
+    Its film is five times faster than the rollout.
+
+    >>> task = PushTask(reward="goal", n_threads=1)
+    >>> held = task.initial_trajectory(task.targets[0])
+    >>> round(float(task.simulate(task.targets[0], held).rewards[0]), 3), task.error_unit
+    (-0.123, 'm')
+
     :param reward: ``"path"`` or ``"goal"``
-    :param n_threads: of the simulator; by default one a core
+    :param n_threads: of the simulator; by default one per core
     :raises TaskError: no such reward
     """
 
@@ -96,6 +108,7 @@ class PushTask(Task):
         "joint 3 [rad]",
     )
     exploration_scale: ClassVar[tuple[float, ...]] = (0.1, 0.1, 0.1)
+    frame_every: ClassVar[float] = 4
     #: numbered targets, shape (10, 2) in m, for `leave_one_out`
     targets: ClassVar[FloatArray] = TARGETS
 
@@ -103,18 +116,16 @@ class PushTask(Task):
         if reward not in REWARDS:
             raise TaskError(f"no reward '{reward}' of PushTask; there are {', '.join(REWARDS)}.")
         self.reward = reward
+        meaning, self.error_unit = REWARDS[reward]
+        self.reward_terms: Mapping[str, str] = {reward: meaning}
+        self.step_reward = STEP_REWARD if reward == "path" else ""
         self.context_space = spaces.Box(
             np.array([-0.35, -0.40], np.float32), np.array([0.45, 0.45], np.float32)
         )
         self.trajectory_space = spaces.Box(-JOINT_LIMIT, JOINT_LIMIT, (T, 3), np.float32)
-        self.model = mujoco.MjModel.from_xml_path(str(Path(__file__).with_name("push.xml")))
-        self.executor = BatchExecutor(self.model, SUBSTEPS, n_threads)
+        model = mujoco.MjModel.from_xml_path(str(Path(__file__).with_name("push.xml")))
+        super().__init__(model, SUBSTEPS, n_threads)
         self._solutions = ContextCache(self._refine, CACHED_SOLUTIONS)
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """The constructor's arguments that change the task."""
-        return {"reward": self.reward}
 
     @property
     def reward_range(self) -> tuple[float, float]:
@@ -151,21 +162,11 @@ class PushTask(Task):
         self.check_mode(mode)
         return self._solutions[self.check_context(context)][0].copy()
 
-    def frames(
-        self, context: ArrayLike, trajectory: ArrayLike, width: int = 480, height: int = 360
-    ) -> list[NDArray[np.uint8]]:
-        """Run one rollout and draw it; see `Task.frames`, but five times as fast, 75 pictures.
-
-        :param context: shape (2,)
-        :param trajectory: shape (T, 3)
-        :param width: of the picture, in pixels
-        :param height: of the picture, in pixels
-        """
+    def _drawn(self, context: FloatArray, states: FloatArray) -> tuple[mujoco.MjModel, FloatArray]:
+        """Show the target at its place."""
         model = copy.deepcopy(self.model)
-        model.body("target").pos[:2] = self.check_context(context)
-        controls = interpolate(START, self.check_trajectories(trajectory), SUBSTEPS)[0]
-        states = self.executor.states(self._initial_state(), controls)
-        return draw(model, states[FRAME_EVERY - 1 :: FRAME_EVERY], "overview", width, height)
+        model.body("target").pos[:2] = context
+        return model, states
 
     def _refine(self, target: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the expert's trajectory and the cylinder's path under it.
@@ -181,7 +182,7 @@ class PushTask(Task):
             plan = self._plan(target, aim)
             if plan is None:
                 break
-            path = readings(self._run(plan[None]), OBJECT)[0]
+            path = readings(self._run(target[None], plan[None]), OBJECT)[0]
             miss = target - path[-1]
             error = float(np.linalg.norm(miss))
             if error < least:
@@ -206,43 +207,29 @@ class PushTask(Task):
             return None
         return two_moves(START, contact, end, T)
 
-    def _initial_state(self) -> FloatArray:
-        """Arm at the start, cylinder at its place, everything at rest."""
+    def _initial_state(self, context: FloatArray) -> FloatArray:
+        """Arm at the start, cylinder at its place, everything at rest, whatever the target."""
         qpos = np.zeros(self.model.nq)
         for name, value in zip(JOINTS + OBJECT, [*START, *CYLINDER], strict=True):
             qpos[self.model.joint(name).qposadr[0]] = value
         return self.executor.initial_state(qpos)
 
-    def _run(self, trajectories: FloatArray) -> SensorLog:
-        """Execute trajectories of shape (N, T, 3); the physics does not depend on the context."""
-        states = np.tile(self._initial_state(), (len(trajectories), 1))
-        return self.executor.run(states, interpolate(START, trajectories, SUBSTEPS))
+    def _controls(self, contexts: FloatArray, followed: FloatArray) -> FloatArray:
+        """Joint angles, shape (N, T * SUBSTEPS, 3) in rad."""
+        return interpolate(START, followed, SUBSTEPS)
 
-    def _simulate(self, contexts: FloatArray, trajectories: FloatArray) -> Rollouts:
-        log = self._run(trajectories)
-        ok = ~log.diverged
-        executed, path = readings(log, JOINTS), readings(log, OBJECT)
-        executed[~ok], path[~ok] = trajectories[~ok], CYLINDER
+    def _measure(self, contexts: FloatArray, trajectories: FloatArray, log: SensorLog) -> Measured:
+        path, steps = readings(log, OBJECT), None
         distance = np.linalg.norm(path[:, -1] - contexts, axis=1)
-        worst, steps = self.reward_range[0], None
         if self.reward == "path":
-            steps = self._step_rewards(contexts, path, ok)
+            steps = self._step_rewards(contexts, path, ~log.diverged)
             error_term = steps.sum(axis=1)
         else:
             error_term = -np.minimum(distance, FARTHEST_END)
-        terms = {
-            self.reward: np.where(ok, error_term, 0.0),
-            "diverged": np.where(ok, 0.0, worst),
-        }
-        return Rollouts(
-            contexts=contexts,
-            trajectories=trajectories,
-            executed=executed,
-            rewards=np.sum(list(terms.values()), axis=0),
-            successes=ok & (distance <= GOAL_TOLERANCE),
-            diverged=log.diverged,
-            clipped=np.zeros(len(ok), bool),
-            terms=terms,
+        return Measured(
+            executed=readings(log, JOINTS),
+            terms={self.reward: error_term},
+            successes=distance <= GOAL_TOLERANCE,
             paths={"object": path},
             step_rewards=steps,
         )

@@ -49,7 +49,7 @@ def python_loop(task: BottlesTask, context: np.ndarray, trajectories: np.ndarray
     data = mujoco.MjData(task.model)
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS
     state = task._initial_state(context)
-    for controls in task._controls(trajectories):
+    for controls in task._controls(context[None], trajectories):
         mujoco.mj_setState(task.model, data, state, full)
         log = np.empty((len(controls), task.model.nsensordata))
         for step, control in enumerate(controls):

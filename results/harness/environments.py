@@ -82,11 +82,9 @@ class RunTask:
         except TaskError:
             return None
 
-    @cached_property
+    @property
     def _single_threaded(self) -> dict[str, Any]:
-        task = make_task(self.task_id, **self.settings)
-        threads = {"n_threads": 1} if "n_threads" in task.setting_names() else {}
-        return {**self.settings, **threads}
+        return {**self.settings, "n_threads": 1}
 
 
 @lru_cache(maxsize=64)
