@@ -1,4 +1,5 @@
 import math
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -6,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from results.harness.records import RunRecord
+from results.harness.records import ContextRecord, RolloutRecord, RunRecord, TaskRecord
+from results.one_context.figures import figures
 from results.one_context.summary import compare, frame, summarise
 from results.report.frames import rollouts_to_success
 from results.report.statistics import (
@@ -131,3 +133,47 @@ def test_fewer_rollouts_are_better():
     row = compare(example(), "A").iloc[0]
     assert row["rollouts_p"] == pytest.approx((2 * 1.0 + 1 * 0.5) / 3)
     assert row["reward_p"] == pytest.approx((1 + 1 + 1 + 1 + 0.5 + 0) / 6)
+
+
+# -- figures of final rollouts -----------------------------------------------------------------
+
+
+def run_with_rollout(task: TaskRecord, scene: dict[str, Any] | None, seed: int = 0) -> RunRecord:
+    path = [[0.1 * i] * len(task.trajectory_names) for i in range(20)]
+    return finished_run(
+        specification("A", seed, "nmp/Any-v0"),
+        curve_of([-1.0, -0.5], [False, seed == 0]),
+        task,
+        context=ContextRecord((0.5,), scene),
+        rollouts={"greedy": RolloutRecord(path, path, seed == 0, "left_way" if seed == 0 else "")},
+    )
+
+
+def test_final_rollouts_are_drawn_joint_by_joint_where_there_is_no_plane() -> None:
+    """Any task can be plotted: here one of three joints, and one run that did not solve it."""
+    arm = TaskRecord(("x [m]",), ("q1 [rad]", "q2 [rad]", "q3 [rad]"), 0.05)
+    runs = [run_with_rollout(arm, None, seed) for seed in (0, 1)]
+    figure = figures(runs, ["A"])["rollouts_any-v0.png"]
+    assert [axes.get_ylabel() for axes in figure.axes] == list(arm.trajectory_names)
+    assert figure.axes[-1].get_xlabel() == "time [s]"
+    assert figure.axes[0].lines[0].get_xdata()[-1] == pytest.approx(1.0)  # type: ignore[index]
+    entries = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert entries == ["left way", "not solved"]
+
+
+def test_final_rollouts_are_drawn_in_the_plane_where_the_task_tells_a_scene() -> None:
+    scene = {
+        "limits": [[0.0, 2.0], [0.0, 2.0]],
+        "points": {"start": [0.0, 0.0], "goal": [2.0, 2.0]},
+        "circles": [{"center": [1.0, 1.0], "radius": 0.1, "style": "dashed", "label": "touch"}],
+        "boxes": [{"low": [0.5, 0.5], "high": [0.7, 0.7]}],
+    }
+    plane = TaskRecord(("x [m]",), ("x [m]", "y [m]"), 0.05, optimum=("shortest path", -0.4999))
+    drawn = figures([run_with_rollout(plane, scene)], ["A"])
+    (axes,) = drawn["rollouts_any-v0.png"].axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
+    entries = [text.get_text() for text in drawn["rollouts_any-v0.png"].legends[0].get_texts()]
+    assert entries == ["left way", "touch"]
+    assert len(axes.patches) == 2 and axes.get_xlim() == (0.0, 2.0)
+    texts = [text.get_text() for text in drawn["curves_any-v0.png"].axes[2].texts]
+    assert texts == ["shortest path (-0.4999)"]

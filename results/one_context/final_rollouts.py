@@ -15,6 +15,7 @@ from results.report.figure_style import COLOURS, plain_axes, seeds_of
 
 UNSOLVED = "not solved"
 UNSOLVED_STYLE = {"color": "0.55", "linestyle": "--"}
+DASHED = {"color": "0.6", "linestyle": ":"}
 MARKERS = {"start": ("o", 6), "goal": ("*", 11)}
 
 
@@ -41,7 +42,8 @@ def draw_final_rollouts(runs: Sequence[RunRecord], labels: Sequence[str]) -> Fig
         f"{runs[0].specification.task}: executed trajectories of the final greedy policies, one "
         "line per seed"
     )
-    handles = [Line2D([], [], label=name, **style) for name, style in styles.items()]
+    looks = {**styles, **{name: DASHED for name in _dashed_labels(runs)}}
+    handles = [Line2D([], [], label=name, **look) for name, look in looks.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
     return figure
 
@@ -126,6 +128,13 @@ def _different_scenes(runs: Sequence[RunRecord]) -> list[dict[str, Any]]:
     return list(scenes.values())
 
 
+def _dashed_labels(runs: Sequence[RunRecord]) -> list[str]:
+    """Return what the dashed circles mean."""
+    circles = (circle for scene in _different_scenes(runs) for circle in scene.get("circles", ()))
+    named = [c["label"] for c in circles if c.get("style") == "dashed" and c.get("label")]
+    return list(dict.fromkeys(named))
+
+
 def _draw_scene(axes: Axes, scene: Mapping[str, Any]) -> None:
     for box in scene.get("boxes", ()):
         low, high = np.array(box["low"]), np.array(box["high"])
@@ -133,7 +142,7 @@ def _draw_scene(axes: Axes, scene: Mapping[str, Any]) -> None:
     for circle in scene.get("circles", ()):
         centre = (float(circle["center"][0]), float(circle["center"][1]))
         dashed = circle.get("style") == "dashed"
-        look = {"fill": False, "edgecolor": "0.6", "linestyle": ":"}
+        look = {"fill": False, "edgecolor": DASHED["color"], "linestyle": DASHED["linestyle"]}
         solid = {"facecolor": "0.75", "edgecolor": "0.4"}
         axes.add_patch(Circle(centre, circle["radius"], **(look if dashed else solid)))
     for name, point in scene.get("points", {}).items():
