@@ -12,9 +12,10 @@ from difflib import get_close_matches
 from typing import Any, TypedDict, get_args
 
 import torch as th
+from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_nmp.common.demonstrations import Demonstrations
-from sb3_nmp.common.exceptions import UnknownArgumentError
+from sb3_nmp.common.exceptions import ConfigurationError, UnknownArgumentError
 
 
 class SB3Arguments(TypedDict, total=False):
@@ -81,6 +82,19 @@ def check_names(cls: type, given: dict[str, Any]) -> None:
             f"{cls.__name__} has no argument '{unknown[0]}'"
             + (f"; did you mean '{near[0]}'?" if near else ".")
             + f" It has {', '.join(name for name in parameters if name[0] != '_')}."
+        )
+
+
+def check_policy(cls: type[BaseAlgorithm], policy: object) -> None:
+    """Raise for an alias of a policy that an algorithm does not have.
+
+    :param cls: the algorithm
+    :param policy: an alias or a class
+    :raises ConfigurationError: it has none of that name
+    """
+    if isinstance(policy, str) and policy not in cls.policy_aliases:
+        raise ConfigurationError(
+            f"{cls.__name__} has no policy '{policy}'; it has {', '.join(cls.policy_aliases)}."
         )
 
 
