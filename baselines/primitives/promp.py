@@ -60,7 +60,7 @@ class ProMP(Primitive):
         """Return the Gaussian over weights that demonstrations suggest.
 
         :param trajectories: shape (N, T, D); of a single one the covariance is 0
-        :param ridge: see `Primitive.fit`
+        :param ridge: penalty on the squared weights, relative to the bases' mean square
         """
         fits = np.stack([self.fit(trajectory, ridge) for trajectory in np.asarray(trajectories)])
         flat = fits.reshape(len(fits), -1)

@@ -158,7 +158,8 @@ class GaussianPrimitivePolicy(TrajectoryPolicy):
     def explore(self, sigma: float | tuple[float, ...]) -> None:
         """Set the covariance with which a search starts; the mean stays.
 
-        :param sigma: see `start_from`
+        :param sigma: standard deviation of the trajectories, in their unit (root mean square over
+            time), one value or one per dimension
         """
         n_dimensions = self.trajectory_shape[1]
         std = np.broadcast_to(self.primitive.weight_std(sigma), (n_dimensions,))

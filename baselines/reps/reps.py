@@ -45,8 +45,8 @@ class REPS(TrajectoryAlgorithm):
     Each generation draws weights from a Gaussian whose mean starts as the fit of the environment's
     initial trajectory. The samples of the last generations are weighted by ``exp(R / eta)``, with
     eta from the dual (`baselines.reps.dual.solve`) such that the KL divergence stays below
-    epsilon, and the Gaussian is fitted to them. Contexts: see `GaussianPrimitivePolicy`; the
-    primitive's start and goal are those of the first context's initial trajectory.
+    epsilon, and the Gaussian is fitted to them. The mean is linear in the context; the primitive's
+    start and goal are those of the first context's initial trajectory.
 
     REPS is known to converge prematurely: the fit of few samples underestimates the variance.
     Dropping correlations (``shrinkage``) and the floor ``min_sigma`` work against it; how the

@@ -57,11 +57,14 @@ def complete(cls: type) -> None:
     or, of those of SB3, `SB3Arguments` does.
 
     :param cls: whose bases are complete
+    :raises UnknownArgumentError: it passes on an argument that its base class does not have
     """
+    bases = [base for base in cls.__mro__[1:] if issubclass(base, BaseAlgorithm)]
     passed_on = _passed_on(cls)
-    cls.__signature__ = _whole_signature(cls, passed_on)  # pyright: ignore
+    cls.__signature__ = _whole_signature(cls, bases, passed_on)  # pyright: ignore
     if "__doc__" in cls.__dict__ and cls.__doc__:
-        sources = [cls.__doc__, passed_on.__doc__ if passed_on else None, cls.__mro__[1].__doc__]
+        shared = passed_on.__doc__ if passed_on else None
+        sources = [cls.__doc__, shared, *(base.__doc__ for base in bases)]
         cls.__doc__ = _whole_docstring(sources, list(inspect.signature(cls).parameters))
 
 
@@ -107,18 +110,25 @@ def _passed_on(cls: type) -> type | None:
     return None
 
 
-def _whole_signature(cls: type, passed_on: type | None) -> inspect.Signature:
-    inherited = inspect.signature(cls.__mro__[1])
+def _whole_signature(cls: type, bases: list[type], passed_on: type | None) -> inspect.Signature:
     if "__init__" not in cls.__dict__:
-        return inherited
+        return inspect.signature(bases[0])
     own = list(inspect.signature(cls.__dict__["__init__"]).parameters.values())[1:]
     if passed_on is None:
         return inspect.Signature(own)
+    known: dict[str, inspect.Parameter] = {}
+    for base in reversed(bases):
+        known |= inspect.signature(base).parameters
+    unknown = [name for name in passed_on.__annotations__ if name not in known]
+    if unknown:
+        raise UnknownArgumentError(
+            f"{cls.__name__} passes on '{unknown[0]}', which {bases[0].__name__} does not have."
+        )
     shared = [
         inspect.Parameter(
             name,
             inspect.Parameter.KEYWORD_ONLY,
-            default=inherited.parameters[name].default,
+            default=known[name].default,
             annotation=annotation,
         )
         for name, annotation in sorted(
