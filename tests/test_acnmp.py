@@ -490,7 +490,7 @@ def test_bad_input_is_refused_before_training(demonstrations: Demonstrations) ->
     with pytest.raises(InvalidDataError, match=r"\(21, 1\).*\(20, 1\)"):
         build(wrong_length, env)
     with pytest.raises(
-        ConfigurationError, match="no search 'best'; there are 'critic' and 'policy'"
+        ConfigurationError, match="search is 'best'; it must be 'critic' or 'policy'"
     ):
         build(demonstrations, env, search="best")
     with pytest.raises(ConfigurationError, match="max_generations is 0"):

@@ -10,7 +10,7 @@ import pytest
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 import sb3_nmp
-from baselines import DREPS, GA, REPS, EwertonProMPRL, StarkProMPRL
+from baselines import CMAES, DREPS, GA, REPS, EwertonProMPRL, StarkProMPRL
 from sb3_nmp import ACNMP, RCNMP, ConfigurationError, TrajectoryAlgorithm, UnknownArgumentError
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm
 from sb3_nmp.common.arguments import SB3Arguments, SharedArguments
@@ -65,7 +65,8 @@ def test_every_argument_but_policy_and_environment_has_a_default(algorithm: Any)
 
 
 def test_defaults_that_differ_by_algorithm_are_visible() -> None:
-    sizes = {a.__name__: parameters(a)["population_size"].default for a in ALGORITHMS}
+    known = (RCNMP, GA, REPS, DREPS, StarkProMPRL, EwertonProMPRL, ACNMP, CMAES)
+    sizes = {a.__name__: parameters(a)["population_size"].default for a in known}
     assert sizes == {
         "RCNMP": 20, "GA": 20, "REPS": 20, "DREPS": 20, "StarkProMPRL": 20, "EwertonProMPRL": 10,
         "ACNMP": 3, "CMAES": 5,
@@ -165,6 +166,34 @@ def test_a_subclass_passes_on_what_it_names() -> None:
     assert Loose.__doc__ is None
 
 
+def test_bases_may_be_mixed_in_and_undocumented() -> None:
+    class Talkative:
+        """No algorithm."""
+
+    class Mixed(Talkative, Loose):
+        """REPS that talks."""
+
+    class Strict(Mixed, REPS):
+        """REPS again."""
+
+        def __init__(self, policy: str, env: Any, **shared: Unpack[SharedArguments]) -> None:
+            super().__init__(policy, env, **shared)
+
+    assert "anything" in parameters(Mixed)
+    assert ":param seed: of Python" in (Strict.__doc__ or "")
+
+
+class Wings(SharedArguments, total=False):
+    wings: int
+
+
+def test_a_class_that_passes_on_what_its_base_does_not_have_is_refused() -> None:
+    with pytest.raises(UnknownArgumentError, match="Lost passes on 'wings', which Timid does not"):
+
+        class Lost(Timid):
+            def __init__(self, policy: str, env: Any, **shared: Unpack[Wings]) -> None: ...
+
+
 @EVERY
 def test_classes_and_models_are_pickled_and_loaded(algorithm: Any, tmp_path: Path) -> None:
     model = build(algorithm, seed=3)
@@ -189,7 +218,7 @@ def test_every_settings_class_has_a_name_of_its_own_and_is_found_at_the_top() ->
     for algorithm in ALGORITHMS:
         for name, parameter in parameters(algorithm).items():
             if hasattr(parameter.default, "__dataclass_fields__"):
-                assert type(parameter.default) in SETTINGS, name
+                assert stable_name(type(parameter.default)), name
     assert [stable_name(activation) for activation in ACTIVATIONS.values()] == [*ACTIVATIONS]
 
 

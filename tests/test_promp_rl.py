@@ -380,7 +380,7 @@ class TestAlgorithms:
 def test_starks_settings_are_checked() -> None:
     with pytest.raises(ConfigurationError, match="sample_generations is 0"):
         make(StarkProMPRL, sample_generations=0)
-    with pytest.raises(ConfigurationError, match=r"shrinkage 1\.5"):
+    with pytest.raises(ConfigurationError, match=r"shrinkage is 1\.5"):
         make(StarkProMPRL, shrinkage=1.5)
     with pytest.raises(ConfigurationError, match="width is 0"):
         make(StarkProMPRL, policy_kwargs={"width": 0.0})

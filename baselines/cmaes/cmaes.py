@@ -13,6 +13,7 @@ from baselines.cmaes.search import ResidualSearch, ResidualSpace
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.noise import SmoothNoise
+from sb3_nmp.common.settings import Rules
 from sb3_nmp.models.cnmp_training import CNMPPretraining
 
 
@@ -55,26 +56,21 @@ class CMAES(AdaptiveAlgorithm):
         pretraining: CNMPPretraining = CNMPPretraining(),  # noqa: B008 (frozen)
         **shared: Unpack[AdaptiveArguments],
     ) -> None:
-        if population_size < 3:
-            raise ConfigurationError(
-                f"population_size is {population_size}; CMA-ES ranks its rollouts and needs at "
-                "least 3."
-            )
-        if not (np.isfinite(context_std) and context_std >= 0):
-            raise ConfigurationError(
-                f"context_std is {context_std}; it must be finite and >= 0. Usual values: 0 to 0.5."
-            )
         self.residual = SmoothNoise(n_bases=n_bases)
         self.context_std, self.pretraining = context_std, pretraining
         self._context_step: NDArray[np.float64] | None = None
         self._has_learned = False
         super().__init__(
-            policy,
-            env,
-            population_size=population_size,
-            max_generations=max_generations,
-            **shared,
+            policy, env, population_size=population_size, max_generations=max_generations, **shared
         )
+
+    def _rules(self) -> Rules:
+        finite = bool(np.isfinite(self.context_std)) and self.context_std >= 0
+        return {
+            "population_size": (self.population_size >= 3, ">= 3: CMA-ES ranks its rollouts"),
+            "context_std": (finite, "finite and >= 0; usual values are 0 to 0.5"),
+            **super()._rules(),
+        }
 
     def _setup_model(self) -> None:
         super()._setup_model()

@@ -19,6 +19,14 @@ FloatArray = NDArray[np.float64]
 class ResidualPolicy(ElitePolicy):
     """A CNMP that was trained on demonstrations; without them, one trajectory for all contexts.
 
+    >>> import gymnasium as gym
+    >>> import benchmark_envs
+    >>> env = gym.make("nmp/Bottles-v0")
+    >>> policy = ResidualPolicy(env.observation_space, env.action_space)
+    >>> policy.set_initial(env.unwrapped.task.initial_trajectory(env.reset(seed=0)[0]))
+    >>> policy.predict(env.reset(seed=0)[0], deterministic=True)[0].shape
+    (200, 2)
+
     :param observation_space: contexts, shape (C,)
     :param action_space: trajectories, shape (T, D)
     :param lr_schedule: not used; SB3 passes it to every policy

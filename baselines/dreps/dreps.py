@@ -1,4 +1,4 @@
-"""`DREPS`: dual REPS, which also keeps away from bad samples (Colome and Torras, thesis [50])."""
+"""`DREPS`: dual REPS, which also keeps away from bad samples (thesis [50])."""
 
 from typing import Unpack
 
@@ -13,7 +13,7 @@ from baselines.reps.gaussian import FloatArray, LinearGaussian
 from baselines.reps.policies import GaussianPrimitivePolicy
 from baselines.reps.reps import REPS, REPSArguments
 from baselines.reps.samples import Samples
-from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.settings import Rules
 
 
 class DREPS(REPS):
@@ -55,25 +55,17 @@ class DREPS(REPS):
         self.chi, self.good_fraction = chi, good_fraction
         super().__init__(policy, env, **shared)
 
-    def _check_settings(self, population_size: int) -> None:
-        super()._check_settings(population_size)
-        if not (np.isfinite(self.xi) and self.xi >= 0):
-            raise ConfigurationError(
-                f"xi is {self.xi}; it bounds a KL divergence in nats from below and must be finite "
-                "and >= 0."
-            )
-        if self.chi is not None and not self.chi > 0:
-            raise ConfigurationError(
-                f"chi is {self.chi}; it bounds a KL divergence in nats and must be > 0, or None."
-            )
-        if self.n_clusters < 1:
-            raise ConfigurationError(
-                f"n_clusters is {self.n_clusters}; at least 1 is needed. Without clusters of bad "
-                "samples, use REPS."
-            )
-        for name in ("bad_fraction", "good_fraction"):
-            if not 0 < getattr(self, name) < 1:
-                raise ConfigurationError(f"{name} is {getattr(self, name)}; it must lie in (0, 1).")
+    def _rules(self) -> Rules:
+        bounded = bool(np.isfinite(self.xi)) and self.xi >= 0
+        share = "in (0, 1)"
+        return {
+            "xi": (bounded, "finite and >= 0: it bounds a KL divergence in nats from below"),
+            "chi": (self.chi is None or self.chi > 0, "> 0, a KL divergence in nats, or None"),
+            "n_clusters": (self.n_clusters >= 1, ">= 1; without clusters of bad samples, use REPS"),
+            "bad_fraction": (0 < self.bad_fraction < 1, share),
+            "good_fraction": (0 < self.good_fraction < 1, share),
+            **super()._rules(),
+        }
 
     def _weigh(self, samples: Samples, old: LinearGaussian) -> Solution:
         advantages = samples.advantages()

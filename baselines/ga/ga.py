@@ -15,6 +15,16 @@ from sb3_nmp.common.buffer import selection_weights
 from sb3_nmp.common.population import PopulationArguments, PopulationSearch, blend
 
 
+class GAArguments(PopulationArguments, total=False):
+    """Those that have the same defaults as in `PopulationSearch`, which describes them."""
+
+    population_size: int
+    n_crossover: int
+    mutation_decay: float
+    n_explorers: int
+    temperature: float
+
+
 class GA(PopulationSearch):
     """Genetic algorithm on trajectories: parents drawn by rank, crossover in time, mutation.
 
@@ -28,33 +38,16 @@ class GA(PopulationSearch):
 
     policy: GAPolicy
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MlpPolicy": GAPolicy}
+    #: the stored rollouts that members copy, and those before and after each child's cut
+    _parents: NDArray[np.int_]
+    _before: NDArray[np.int_]
+    _after: NDArray[np.int_]
+    _cuts: NDArray[np.int_]
 
     def __init__(
-        self,
-        policy: str | type[GAPolicy],
-        env: GymEnv | str,
-        *,
-        population_size: int = 20,
-        n_crossover: int = 18,
-        mutation_decay: float = 0.8,
-        n_explorers: int = 0,
-        temperature: float = 2.0,
-        **shared: Unpack[PopulationArguments],
+        self, policy: str | type[GAPolicy], env: GymEnv | str, **shared: Unpack[GAArguments]
     ) -> None:
-        self._parents: NDArray[np.int_] = np.empty(0, int)
-        self._before: NDArray[np.int_] = np.empty(0, int)
-        self._after: NDArray[np.int_] = np.empty(0, int)
-        self._cuts: NDArray[np.int_] = np.empty(0, int)
-        super().__init__(
-            policy,
-            env,
-            population_size=population_size,
-            n_crossover=n_crossover,
-            mutation_decay=mutation_decay,
-            n_explorers=n_explorers,
-            temperature=temperature,
-            **shared,
-        )
+        super().__init__(policy, env, **shared)
 
     def _draw_members(self) -> None:
         """Draw a stored rollout for each member, and a second one for crossover children."""

@@ -10,6 +10,12 @@ from sb3_nmp.common.policies import ElitePolicy
 class GAPolicy(ElitePolicy):
     """Answers every context with the best trajectory seen in it, else with the initial one.
 
+    >>> import numpy as np
+    >>> from gymnasium.spaces import Box
+    >>> policy = GAPolicy(Box(-1.0, 1.0, (1,)), Box(0.0, 4.0, (3, 1)), lambda progress: 0.0)
+    >>> policy.predict(np.zeros(1, np.float32))[0].tolist()  # the middle of the space
+    [[2.0], [2.0], [2.0]]
+
     :param observation_space: contexts, shape (C,)
     :param action_space: trajectories, shape (T, D)
     :param lr_schedule: unused; SB3 gives it to every policy

@@ -23,6 +23,14 @@ class DMP(Primitive):
     It starts at rest. Since y is linear in (w, y0, g), the system is integrated (fourth-order
     Runge-Kutta) once, on unit inputs.
 
+    Ijspeert, Nakanishi, Hoffmann, Pastor and Schaal, "Dynamical movement primitives: learning
+    attractor models for motor behaviors", 2013.
+
+    >>> dmp = DMP(n_bases=5, n_time_points=100)
+    >>> path = dmp.trajectories(np.zeros((1, 5, 2)), start=[0.0, 0.0], goal=[1.0, 2.0])[0]
+    >>> path[0].tolist(), path[-1].round(1).tolist()
+    ([0.0, 0.0], [1.0, 2.0])
+
     :param n_bases: K, evenly spaced in time
     :param n_time_points: T
     :param alpha: stiffness of the transformation system

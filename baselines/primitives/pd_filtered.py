@@ -15,6 +15,12 @@ class PDFiltered(Primitive):
 
     The controller is linear, so that the whole is a primitive again.
 
+    >>> from baselines import ProMP
+    >>> filtered = PDFiltered(ProMP(n_bases=5, n_time_points=200), PDController())
+    >>> path = filtered.trajectories(np.zeros((1, 5, 1)), start=[0.0], goal=[1.0])[0]
+    >>> path[[0, -1], 0].round().tolist()  # the goal pulls, whatever the weights are
+    [0.0, 1.0]
+
     :param desired: the primitive that gives tau of Eq. 6.3
     :param controller: the PD controller
     """

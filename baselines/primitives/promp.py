@@ -17,6 +17,14 @@ class ProMP(Primitive):
 
     ``y(t) = Phi(t) w`` with ``sum_k Phi_k(t) = 1``; start and goal are part of the weights.
 
+    Paraschos, Daniel, Peters and Neumann, "Probabilistic movement primitives", 2013.
+
+    >>> promp = ProMP(n_bases=8, n_time_points=100)
+    >>> line = np.linspace([0.0, 0.0], [1.0, 2.0], 100)
+    >>> weights = promp.fit(line)
+    >>> bool(np.abs(promp.trajectories(weights[None], line[0], line[-1])[0] - line).max() < 0.01)
+    True
+
     :param n_bases: K, evenly spaced over [0, 1]
     :param n_time_points: T, evenly spaced over [0, 1]
     :param width: standard deviation of a basis, in units of the bases' spacing
@@ -52,7 +60,7 @@ class ProMP(Primitive):
         """Return the Gaussian over weights that demonstrations suggest.
 
         :param trajectories: shape (N, T, D); of a single one the covariance is 0
-        :param ridge: see `Primitive.fit`
+        :param ridge: penalty on the squared weights, relative to the bases' mean square
         """
         fits = np.stack([self.fit(trajectory, ridge) for trajectory in np.asarray(trajectories)])
         flat = fits.reshape(len(fits), -1)

@@ -12,6 +12,10 @@ from sb3_nmp.common.exceptions import InvalidDataError
 class WeightDistribution:
     """Gaussian over weights; the entry (k, d) is at k * D + d in the flattened vector.
 
+    >>> weights = WeightDistribution(np.zeros((5, 2)), np.eye(10))
+    >>> weights.sample(np.random.default_rng(0), n=3).shape
+    (3, 5, 2)
+
     :param mean: shape (K, D)
     :param covariance: of the flattened weights, shape (K D, K D)
     :raises InvalidDataError: the shapes do not fit

@@ -138,6 +138,12 @@ class ProMPPolicy(ElitePolicy):
 class TransferPolicy(ProMPPolicy):
     """One ProMP per target; for another target, their mixture by relevance, as one Gaussian.
 
+    >>> from gymnasium.spaces import Box
+    >>> policy = TransferPolicy(Box(-1.0, 1.0, (1,)), Box(-9.0, 9.0, (50, 1)), n_bases=5)
+    >>> policy.add_targets(np.array([[-1.0], [1.0]]), np.array([[[0.0]] * 50, [[2.0]] * 50]))
+    >>> policy.predict(np.zeros(1, np.float32), deterministic=True)[0][0].round(2).tolist()
+    [1.0]
+
     :param observation_space: contexts, shape (C,)
     :param action_space: trajectories, shape (T, D)
     :param lr_schedule: not used; SB3 passes it to every policy
@@ -183,6 +189,13 @@ class TransferPolicy(ProMPPolicy):
 
 class GaussianProcessPolicy(ProMPPolicy):
     """One ProMP for all targets, whose weights are Gaussian processes of the context.
+
+    >>> from gymnasium.spaces import Box
+    >>> policy = GaussianProcessPolicy(Box(-1.0, 1.0, (1,)), Box(-9.0, 9.0, (50, 1)), n_bases=5)
+    >>> contexts = np.linspace(-1.0, 1.0, 5)[:, None]
+    >>> policy.add_targets(contexts, np.repeat(2.0 * contexts[:, None], 50, axis=1))
+    >>> policy.predict(np.full(1, 0.25, np.float32), deterministic=True)[0][0].round(1).tolist()
+    [0.5]
 
     :param observation_space: contexts, shape (C,)
     :param action_space: trajectories, shape (T, D)

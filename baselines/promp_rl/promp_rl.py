@@ -14,12 +14,13 @@ from stable_baselines3.common.type_aliases import GymEnv
 from baselines.promp_rl.policies import GaussianProcessPolicy, ProMPPolicy, TransferPolicy
 from baselines.promp_rl.relevance_search import RelevanceSearch, RelevanceSettings
 from baselines.promp_rl.reps_search import RepsSearch, RepsSettings
-from baselines.reps.dual import check_epsilon
+from baselines.reps.dual import epsilon_rule
 from baselines.reps.gaussian import FitSettings, FloatArray
+from baselines.reps.reps import fit_rules
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
 from sb3_nmp.common.context_search import ContextSearch
 from sb3_nmp.common.environment import Scale
-from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.settings import Rules
 
 
 class ProMPRLArguments(AdaptiveArguments, total=False):
@@ -58,20 +59,18 @@ class ProMPRL(AdaptiveAlgorithm):
         min_sigma: Scale = 0.005,
         **shared: Unpack[AdaptiveArguments],
     ) -> None:
-        check_epsilon(epsilon)
-        if population_size < 2:
-            raise ConfigurationError(
-                f"population_size is {population_size}; a Gaussian is fitted to it: at least 2."
-            )
         self.epsilon, self.min_sigma = epsilon, min_sigma
         self._has_learned = False
         super().__init__(
-            policy,
-            env,
-            population_size=population_size,
-            max_generations=max_generations,
-            **shared,
+            policy, env, population_size=population_size, max_generations=max_generations, **shared
         )
+
+    def _rules(self) -> Rules:
+        return {
+            "epsilon": epsilon_rule(self.epsilon),
+            "population_size": (self.population_size >= 2, ">= 2: a Gaussian is fitted to it"),
+            **super()._rules(),
+        }
 
     def _setup_model(self) -> None:
         super()._setup_model()
@@ -110,9 +109,8 @@ class StarkProMPRL(ProMPRL):
     primitive that has only one demonstration (``exploration_scale``), and the settings of REPS,
     which are those of `REPS` here: reused generations, a shrunk covariance with a floor.
 
-    >>> import benchmark_envs
-    >>> from sb3_nmp import Demonstrations
-    >>> shown = Demonstrations.from_task("nmp/Bottles-v0", 3, seed=0)
+    >>> import benchmark_envs, sb3_nmp
+    >>> shown = sb3_nmp.Demonstrations.from_task("nmp/Bottles-v0", 3, seed=0)
     >>> model = StarkProMPRL("MlpPolicy", "nmp/Bottles-v0", demonstrations=shown, seed=0)
     >>> model.learn(20).num_timesteps
     20
@@ -134,13 +132,12 @@ class StarkProMPRL(ProMPRL):
         shrinkage: float = 0.3,
         **shared: Unpack[ProMPRLArguments],
     ) -> None:
-        if sample_generations < 1 or not 0 <= shrinkage <= 1:
-            raise ConfigurationError(
-                f"sample_generations is {sample_generations} and shrinkage {shrinkage}; they must "
-                "be at least 1 and in [0, 1]."
-            )
         self.sample_generations, self.shrinkage = sample_generations, shrinkage
         super().__init__(policy, env, population_size=population_size, **shared)
+
+    def _rules(self) -> Rules:
+        fit = fit_rules(self.sample_generations, self.shrinkage)
+        return {**fit, **super()._rules()}
 
     def _new_search(self, context: NDArray[np.float32]) -> RepsSearch:
         row = context.astype(np.float64)
@@ -164,9 +161,8 @@ class EwertonProMPRL(ProMPRL):
     processes' uncertainty and ``exploration_scale``, added in quadrature), and how relevances are
     learned from rollouts.
 
-    >>> import benchmark_envs
-    >>> from sb3_nmp import Demonstrations
-    >>> shown = Demonstrations.from_task("nmp/Bottles-v0", 3, seed=0)
+    >>> import benchmark_envs, sb3_nmp
+    >>> shown = sb3_nmp.Demonstrations.from_task("nmp/Bottles-v0", 3, seed=0)
     >>> model = EwertonProMPRL("MlpPolicy", "nmp/Bottles-v0", demonstrations=shown, seed=0)
     >>> model.learn(10).num_timesteps
     10

@@ -1,7 +1,7 @@
 """From the movement primitives of old targets to the first Gaussian for a new one.
 
-After Stark, Peters and Rueckert 2019 (thesis [1]). Shape letters: M old targets, P weights,
-C context.
+After Stark, Peters and Rueckert, "Experience reuse with probabilistic movement primitives", 2019
+(thesis [1]). Shape letters: M old targets, P weights, C context.
 """
 
 import numpy as np

@@ -44,6 +44,13 @@ class GaussianPrimitivePolicy(TrajectoryPolicy):
 
     The mean is linear in (1, context), with the context scaled to [-1, 1] by its space.
 
+    >>> import gymnasium as gym
+    >>> import benchmark_envs
+    >>> env = gym.make("nmp/Bottles-v0")
+    >>> policy = GaussianPrimitivePolicy(env.observation_space, env.action_space, n_bases=8)
+    >>> policy.predict(env.reset(seed=0)[0], deterministic=True)[0].shape
+    (200, 2)
+
     :param observation_space: contexts, shape (C,)
     :param action_space: trajectories, shape (T, D)
     :param lr_schedule: not used here; SB3 passes it to every policy
@@ -151,7 +158,8 @@ class GaussianPrimitivePolicy(TrajectoryPolicy):
     def explore(self, sigma: float | tuple[float, ...]) -> None:
         """Set the covariance with which a search starts; the mean stays.
 
-        :param sigma: see `start_from`
+        :param sigma: standard deviation of the trajectories, in their unit (root mean square over
+            time), one value or one per dimension
         """
         n_dimensions = self.trajectory_shape[1]
         std = np.broadcast_to(self.primitive.weight_std(sigma), (n_dimensions,))

@@ -1,4 +1,4 @@
-"""`REPS`: episodic relative entropy policy search (Peters, Muelling and Altun 2010)."""
+"""`REPS`: episodic relative entropy policy search."""
 
 from typing import ClassVar, Literal, Unpack, cast
 
@@ -7,16 +7,16 @@ from numpy.typing import NDArray
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 
-from baselines.reps.dual import Solution, check_epsilon, solve
+from baselines.reps.dual import Solution, epsilon_rule, solve
 from baselines.reps.gaussian import FitSettings, FloatArray, LinearGaussian, weighted_fit
 from baselines.reps.policies import GaussianPrimitivePolicy
 from baselines.reps.samples import Samples
 from sb3_nmp.common.algorithm import TrajectoryAlgorithm
 from sb3_nmp.common.arguments import SharedArguments
 from sb3_nmp.common.environment import Scale
-from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.pd_controller import PDController
 from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.common.settings import Rules
 
 Controller = PDController | Literal["auto"] | None
 PrimitiveName = Literal["promp", "dmp"]
@@ -45,8 +45,8 @@ class REPS(TrajectoryAlgorithm):
     Each generation draws weights from a Gaussian whose mean starts as the fit of the environment's
     initial trajectory. The samples of the last generations are weighted by ``exp(R / eta)``, with
     eta from the dual (`baselines.reps.dual.solve`) such that the KL divergence stays below
-    epsilon, and the Gaussian is fitted to them. Contexts: see `GaussianPrimitivePolicy`; the
-    primitive's start and goal are those of the first context's initial trajectory.
+    epsilon, and the Gaussian is fitted to them. The mean is linear in the context; the primitive's
+    start and goal are those of the first context's initial trajectory.
 
     REPS is known to converge prematurely: the fit of few samples underestimates the variance.
     Dropping correlations (``shrinkage``) and the floor ``min_sigma`` work against it; how the
@@ -97,17 +97,9 @@ class REPS(TrajectoryAlgorithm):
         if pd_controller == "auto":
             free = primitive == "dmp" or self._demonstrated
             pd_controller = None if free else PDController()
-        if self._demonstrated and (primitive != "promp" or pd_controller is not None):
-            raise ConfigurationError(
-                f"demonstrations were given to primitive '{primitive}' with pd_controller "
-                f"{pd_controller}: a DMP and a controller force start and goal, which differ "
-                "between demonstrations. Give primitive='promp' and pd_controller=None."
-            )
         self.epsilon, self.sample_generations = epsilon, sample_generations
         self.shrinkage, self.min_sigma = shrinkage, min_sigma
-        self._check_settings(population_size)
-        self._started = False
-        self._samples: list[Samples] = []
+        self._started, self._samples = False, list[Samples]()
         self._deviations: FloatArray | None = None
         self._weights: FloatArray | None = None
         chosen = {"primitive": primitive, "n_bases": n_bases, "pd_controller": pd_controller}
@@ -116,22 +108,19 @@ class REPS(TrajectoryAlgorithm):
             policy, env, population_size=population_size, learning_rate=learning_rate, **shared
         )
 
-    def _check_settings(self, population_size: int) -> None:
-        check_epsilon(self.epsilon)
-        if population_size < 2:
-            raise ConfigurationError(
-                f"population_size is {population_size}; a Gaussian is fitted to it: at least 2."
-            )
-        if self.sample_generations < 1:
-            raise ConfigurationError(
-                f"sample_generations is {self.sample_generations}; at least 1, the current one, is "
-                "needed."
-            )
-        if not 0 <= self.shrinkage <= 1:
-            raise ConfigurationError(
-                f"shrinkage is {self.shrinkage}; it must lie in [0, 1]: 0 fits a full covariance, "
-                "1 a diagonal one."
-            )
+    def _rules(self) -> Rules:
+        chosen = self.policy_kwargs
+        forced = chosen["primitive"] != "promp" or chosen["pd_controller"] is not None
+        return {
+            "epsilon": epsilon_rule(self.epsilon),
+            "population_size": (self.population_size >= 2, ">= 2: a Gaussian is fitted to it"),
+            **fit_rules(self.sample_generations, self.shrinkage),
+            "policy_kwargs": (
+                not (self._demonstrated and forced),
+                "those of primitive='promp' and pd_controller=None where demonstrations are given: "
+                "a DMP and a controller force start and goal, which differ between demonstrations",
+            ),
+        }
 
     def _setup_model(self) -> None:
         super()._setup_model()
@@ -196,3 +185,18 @@ class REPS(TrajectoryAlgorithm):
         self.logger.record("train/entropy", entropy)
         self.logger.record("train/effective_samples", solution.effective_samples)
         self.logger.record("train/sigma", float(self.policy.trajectory_std().mean()))
+
+
+def fit_rules(sample_generations: int, shrinkage: float) -> Rules:
+    """Return the rules of what the fit of a Gaussian is given.
+
+    :param sample_generations: generations whose samples an update uses
+    :param shrinkage: of the weights' correlations
+    """
+    return {
+        "sample_generations": (sample_generations >= 1, ">= 1: the current one is needed"),
+        "shrinkage": (
+            0 <= shrinkage <= 1,
+            "in [0, 1]: 0 fits a full covariance, 1 a diagonal one",
+        ),
+    }

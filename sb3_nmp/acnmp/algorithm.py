@@ -18,8 +18,8 @@ from sb3_nmp.acnmp.settings import ACNMPAdaptation, ACNMPCritic, ACNMPExploratio
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
 from sb3_nmp.common.context_search import ContextSearch
 from sb3_nmp.common.demonstrations import Demonstrations
-from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.common.settings import Rules
 from sb3_nmp.models.cnmp_training import (
     CNMPPretraining,
     PointSampler,
@@ -53,7 +53,6 @@ class ACNMP(AdaptiveAlgorithm):
     the reward's terms (``info["reward_<term>"]``) where the environment tells them.
 
     >>> import benchmark_envs
-    >>> from sb3_nmp import ACNMP, CNMPPretraining, Demonstrations
     >>> shown = Demonstrations.from_task("nmp/Bottles-v0", 3, seed=0)
     >>> quick = CNMPPretraining(n_steps=20)
     >>> model = ACNMP("MlpPolicy", "nmp/Bottles-v0", demonstrations=shown, pretraining=quick)
@@ -90,8 +89,6 @@ class ACNMP(AdaptiveAlgorithm):
         pretraining: CNMPPretraining = CNMPPretraining(),  # noqa: B008 (frozen)
         **shared: Unpack[AdaptiveArguments],
     ) -> None:
-        if search not in get_args(SearchKind):
-            raise ConfigurationError(f"no search '{search}'; there are 'critic' and 'policy'.")
         self.search: SearchKind = search
         self.exploration, self.critic = exploration, critic
         self.adaptation, self.pretraining = adaptation, pretraining
@@ -104,6 +101,10 @@ class ACNMP(AdaptiveAlgorithm):
             max_generations=max_generations,
             **shared,
         )
+
+    def _rules(self) -> Rules:
+        known = self.search in get_args(SearchKind)
+        return {"search": (known, "'critic' or 'policy'"), **super()._rules()}
 
     # -- learning from demonstration (I) -------------------------------------------------------
 

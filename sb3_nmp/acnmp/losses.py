@@ -18,7 +18,7 @@ def advantages(kind: Advantage, rollouts: Generation, temperature: float = 2.0) 
     1; where the rewards do not come step by step, both are the whole reward's. ``"place"`` is
     positive and adds up to 1 over the rollouts: no trajectory is pushed away from.
 
-    :param kind: see `Advantage`
+    :param kind: ``"to_go"``, ``"step"`` or ``"place"``
     :param rollouts: of one context
     :param temperature: of ``"place"``, in places
     """

@@ -19,6 +19,13 @@ class ACNMPPolicy(ElitePolicy):
 
     A sample (``deterministic=False``) is drawn from the CNMP's Gaussian, smooth over time.
 
+    >>> import gymnasium as gym
+    >>> import benchmark_envs
+    >>> env = gym.make("nmp/Bottles-v0")
+    >>> policy = ACNMPPolicy(env.observation_space, env.action_space, lambda progress: 1e-3)
+    >>> policy.predict(env.reset(seed=0)[0], deterministic=True)[0].shape
+    (200, 2)
+
     :param observation_space: contexts, shape (C,)
     :param action_space: trajectories, shape (T, D)
     :param lr_schedule: learning rate of Adam after the pre-training

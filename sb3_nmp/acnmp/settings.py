@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, get_args
 
 from sb3_nmp.common.exceptions import ConfigurationError
-from sb3_nmp.common.settings import Presets, settings_name
+from sb3_nmp.common.settings import Presets, Rules, check_rules, settings_name
 
 #: ``"to_go"``: the reward from each time on (Eq. 5.2); ``"step"``: the reward at each time (the
 #: original code); ``"place"``: by place among all rollouts of the context
@@ -120,7 +120,7 @@ class ACNMPCritic:
     def __post_init__(self) -> None:
         """Check the values."""
         low, high = self.radius_limits
-        rules = {
+        rules: Rules = {
             "pull": (self.pull >= 0, ">= 0"),
             "radius_limits": (0 < low <= high, "(low, high) with 0 < low <= high"),
             "growth": (self.growth >= 1, ">= 1"),
@@ -129,9 +129,7 @@ class ACNMPCritic:
             "noises": (min(self.noises, default=0) > 0, "at least one value, all > 0"),
             "n_candidates": (self.n_candidates >= self.n_refined >= 1, ">= n_refined >= 1"),
         }
-        for name, (fits, rule) in rules.items():
-            if not fits:
-                raise ConfigurationError(f"{name} is {getattr(self, name)}; it must be {rule}.")
+        check_rules(self, rules)
 
 
 @settings_name("acnmp-adaptation")

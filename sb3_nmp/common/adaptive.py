@@ -22,6 +22,7 @@ from sb3_nmp.common.environment import check_multiple
 from sb3_nmp.common.exceptions import ConfigurationError, InvalidDataError
 from sb3_nmp.common.policies import ElitePolicy
 from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.common.settings import Rules
 
 
 class AdaptiveArguments(SharedArguments, total=False):
@@ -73,21 +74,11 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
         **shared: Unpack[SharedArguments],
     ) -> None:
         shown = check_type(shared.get("demonstrations"))
-        if max_generations < 1:
-            raise ConfigurationError(f"max_generations is {max_generations}; it must be >= 1.")
-        begin, end = thresholds(reward_threshold)
-        if not begin <= end:
-            raise ConfigurationError(
-                f"reward_threshold is {reward_threshold}; a search that begins below {begin} must "
-                "not end with less: give one value, or (begin, end) with begin <= end."
-            )
         self.demonstrations_digest = None if shown is None else shown.digest
         self.n_contexts = population_size if n_contexts is None else n_contexts
-        self.reward_threshold = reward_threshold
-        self.max_generations = max_generations
+        self.reward_threshold, self.max_generations = reward_threshold, max_generations
         self.searches: list[ContextSearch] = []
-        self.n_given_up = 0
-        self._pinned = False
+        self.n_given_up, self._pinned = 0, False
         self._proposals: Proposals | None = None
         super().__init__(
             policy, env, population_size=population_size, learning_rate=learning_rate, **shared
@@ -112,6 +103,17 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
         """
 
     # -- set-up --------------------------------------------------------------------------------
+
+    def _rules(self) -> Rules:
+        begin, end = thresholds(self.reward_threshold)
+        return {
+            "max_generations": (self.max_generations >= 1, ">= 1"),
+            "reward_threshold": (
+                begin <= end,
+                "one value, or (begin, end) with begin <= end: a search that begins below "
+                f"{begin} must not end with less",
+            ),
+        }
 
     def _setup_model(self) -> None:
         super()._setup_model()

@@ -20,12 +20,18 @@ from stable_baselines3.common.utils import safe_mean
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_nmp.common import environment
-from sb3_nmp.common.arguments import SB3Arguments, check_names, complete
+from sb3_nmp.common.arguments import SB3Arguments, check_names, check_policy, complete
 from sb3_nmp.common.demonstrations import Demonstrations, check_type
 from sb3_nmp.common.environment import Scale
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.policies import TrajectoryPolicy
 from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.common.settings import Rules, check_rules
+
+FOR_BANDITS: dict[str, Any] = {
+    "support_multi_env": True,
+    "supported_action_spaces": (spaces.Box,),
+}
 
 
 class TrajectoryAlgorithm(BaseAlgorithm):
@@ -86,28 +92,13 @@ class TrajectoryAlgorithm(BaseAlgorithm):
         _init_setup_model: bool = True,
         **shared: Unpack[SB3Arguments],
     ) -> None:
-        if isinstance(policy, str) and policy not in self.policy_aliases:
-            raise ConfigurationError(
-                f"{type(self).__name__} has no policy '{policy}'; it has "
-                f"{', '.join(self.policy_aliases)}."
-            )
-        if isinstance(env, str):
-            environment.check_env_id(env)
-        super().__init__(
-            policy,
-            env,
-            learning_rate,
-            device=device,
-            support_multi_env=True,
-            supported_action_spaces=(spaces.Box,),
-            **shared,
-        )
-        self.population_size = population_size
+        check_policy(type(self), policy)
+        environment.check_env_id(env)
+        super().__init__(policy, env, learning_rate, device=device, **FOR_BANDITS, **shared)
+        self.population_size, self.exploration_scale = population_size, exploration_scale
         self.demonstrations = check_type(demonstrations)
-        self.exploration_scale = exploration_scale
         self.rng = np.random.default_rng(self.seed)
-        self._n_updates = 0
-        self._generation_started = False
+        self._n_updates, self._generation_started = 0, False
         self._collected: list[Generation] = []
         if _init_setup_model:
             self._setup_model()
@@ -133,6 +124,10 @@ class TrajectoryAlgorithm(BaseAlgorithm):
     def _observe(self, rollouts: Generation) -> None:
         """Take in rollouts as soon as they are done, before their generation is complete."""
 
+    def _rules(self) -> Rules:
+        """Return the rules that the settings must fit."""
+        return {}
+
     @property
     def generation_size(self) -> int:
         """How many rollouts the generation at hand has; a multiple of the environments."""
@@ -149,6 +144,7 @@ class TrajectoryAlgorithm(BaseAlgorithm):
     # -- set-up --------------------------------------------------------------------------------
 
     def _setup_model(self) -> None:
+        check_rules(self, self._rules())
         self._setup_lr_schedule()
         self.set_random_seed(self.seed)
         if self.env is not None:

@@ -12,9 +12,10 @@ from difflib import get_close_matches
 from typing import Any, TypedDict, get_args
 
 import torch as th
+from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_nmp.common.demonstrations import Demonstrations
-from sb3_nmp.common.exceptions import UnknownArgumentError
+from sb3_nmp.common.exceptions import ConfigurationError, UnknownArgumentError
 
 
 class SB3Arguments(TypedDict, total=False):
@@ -56,11 +57,14 @@ def complete(cls: type) -> None:
     or, of those of SB3, `SB3Arguments` does.
 
     :param cls: whose bases are complete
+    :raises UnknownArgumentError: it passes on an argument that its base class does not have
     """
+    bases = [base for base in cls.__mro__[1:] if issubclass(base, BaseAlgorithm)]
     passed_on = _passed_on(cls)
-    cls.__signature__ = _whole_signature(cls, passed_on)  # pyright: ignore
+    cls.__signature__ = _whole_signature(cls, bases, passed_on)  # pyright: ignore
     if "__doc__" in cls.__dict__ and cls.__doc__:
-        sources = [cls.__doc__, passed_on.__doc__ if passed_on else None, cls.__mro__[1].__doc__]
+        shared = passed_on.__doc__ if passed_on else None
+        sources = [cls.__doc__, shared, *(base.__doc__ for base in bases)]
         cls.__doc__ = _whole_docstring(sources, list(inspect.signature(cls).parameters))
 
 
@@ -84,6 +88,19 @@ def check_names(cls: type, given: dict[str, Any]) -> None:
         )
 
 
+def check_policy(cls: type[BaseAlgorithm], policy: object) -> None:
+    """Raise for an alias of a policy that an algorithm does not have.
+
+    :param cls: the algorithm
+    :param policy: an alias or a class
+    :raises ConfigurationError: it has none of that name
+    """
+    if isinstance(policy, str) and policy not in cls.policy_aliases:
+        raise ConfigurationError(
+            f"{cls.__name__} has no policy '{policy}'; it has {', '.join(cls.policy_aliases)}."
+        )
+
+
 def _passed_on(cls: type) -> type | None:
     """Return the typed dictionary of the constructor's ``**shared``; None where it has none."""
     init = cls.__dict__.get("__init__")
@@ -93,18 +110,25 @@ def _passed_on(cls: type) -> type | None:
     return None
 
 
-def _whole_signature(cls: type, passed_on: type | None) -> inspect.Signature:
-    inherited = inspect.signature(cls.__mro__[1])
+def _whole_signature(cls: type, bases: list[type], passed_on: type | None) -> inspect.Signature:
     if "__init__" not in cls.__dict__:
-        return inherited
+        return inspect.signature(bases[0])
     own = list(inspect.signature(cls.__dict__["__init__"]).parameters.values())[1:]
     if passed_on is None:
         return inspect.Signature(own)
+    known: dict[str, inspect.Parameter] = {}
+    for base in reversed(bases):
+        known |= inspect.signature(base).parameters
+    unknown = [name for name in passed_on.__annotations__ if name not in known]
+    if unknown:
+        raise UnknownArgumentError(
+            f"{cls.__name__} passes on '{unknown[0]}', which {bases[0].__name__} does not have."
+        )
     shared = [
         inspect.Parameter(
             name,
             inspect.Parameter.KEYWORD_ONLY,
-            default=inherited.parameters[name].default,
+            default=known[name].default,
             annotation=annotation,
         )
         for name, annotation in sorted(

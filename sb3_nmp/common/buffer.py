@@ -18,6 +18,11 @@ RewardScaling = Literal["rank", "standardize"]
 class TrajectoryBuffer:
     """Contexts, trajectories and rewards of past rollouts, oldest first.
 
+    >>> buffer = TrajectoryBuffer(context_dim=1, trajectory_shape=(5, 2), capacity=2)
+    >>> buffer.add(np.zeros((3, 1)), np.zeros((3, 5, 2)), np.array([1.0, 2.0, 3.0]))
+    >>> buffer.rewards.tolist()
+    [2.0, 3.0]
+
     :param context_dim: C
     :param trajectory_shape: (T, D)
     :param capacity: at most so many rollouts, the oldest are dropped; None keeps every rollout

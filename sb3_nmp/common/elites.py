@@ -15,6 +15,11 @@ class EliteMemory(nn.Module):
 
     A trajectory that solved the task is better than one that did not, whatever their rewards.
 
+    >>> memory = EliteMemory(context_dim=1, trajectory_shape=(5, 2))
+    >>> memory.update(np.zeros((2, 1)), np.ones((2, 5, 2)), np.array([-3.0, -1.0]))
+    >>> memory.rewards.tolist(), memory.find(th.tensor([0.0])), memory.find(th.tensor([1.0]))
+    ([-1.0], 0, None)
+
     :param context_dim: C
     :param trajectory_shape: (T, D)
     :param capacity: at most so many contexts; the longest unimproved is forgotten

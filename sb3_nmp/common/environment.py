@@ -13,17 +13,17 @@ FloatArray = NDArray[np.float64]
 Scale = float | tuple[float, ...]
 
 
-def check_env_id(env_id: str) -> None:
+def check_env_id(env: object) -> None:
     """Raise a helpful error for an environment id that Gymnasium does not know.
 
-    :param env_id: such as ``"nmp/Bottles-v0"`` or ``"module:id"``
-    :raises ConfigurationError: it is not registered
+    :param env: an id such as ``"nmp/Bottles-v0"`` or ``"module:id"``, or an environment
+    :raises ConfigurationError: the id is not registered
     """
-    if ":" in env_id or env_id in gym.registry:
+    if not isinstance(env, str) or ":" in env or env in gym.registry:
         return
     known = sorted(key for key in gym.registry if key.startswith("nmp/"))
     raise ConfigurationError(
-        f"no environment '{env_id}' is registered with Gymnasium. "
+        f"no environment '{env}' is registered with Gymnasium. "
         + (
             f"There are: {', '.join(known)}, besides Gymnasium's own."
             if known

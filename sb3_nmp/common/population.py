@@ -14,13 +14,11 @@ from stable_baselines3.common.type_aliases import GymEnv, Schedule
 from sb3_nmp.common.arguments import SharedArguments
 from sb3_nmp.common.buffer import TrajectoryBuffer
 from sb3_nmp.common.buffered import BufferedAlgorithm
-from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.pd_controller import PDController
 from sb3_nmp.common.policies import ElitePolicy
 from sb3_nmp.common.rollouts import Generation
-
-Rules = dict[str, tuple[bool, str]]
+from sb3_nmp.common.settings import Rules
 
 
 class PopulationArguments(SharedArguments, total=False):
@@ -63,11 +61,11 @@ class PopulationSearch(BufferedAlgorithm):
         policy: str | type[ElitePolicy],
         env: GymEnv | str,
         *,
-        population_size: int,
-        n_crossover: int,
-        mutation_decay: float,
-        n_explorers: int,
-        temperature: float,
+        population_size: int = 20,
+        n_crossover: int = 18,
+        mutation_decay: float = 0.8,
+        n_explorers: int = 0,
+        temperature: float = 2.0,
         learning_rate: float | Schedule = 0.0,
         mutation: SmoothNoise | None = SmoothNoise(),  # noqa: B008 (frozen)
         mutation_rate: float = 0.5,
@@ -76,17 +74,13 @@ class PopulationSearch(BufferedAlgorithm):
         n_elites: int = 1,
         **shared: Unpack[SharedArguments],
     ) -> None:
-        self.population_size, self.n_crossover = population_size, n_crossover
-        self.mutation, self.mutation_rate = mutation, mutation_rate
-        self.mutation_decay = mutation_decay
+        self.n_crossover, self.mutation = n_crossover, mutation
+        self.mutation_rate, self.mutation_decay = mutation_rate, mutation_decay
         self.n_explorers, self.temperature = n_explorers, temperature
         self.pd_controller = pd_controller
         self.buffer_size, self.n_elites = buffer_size, n_elites
         self._initial: NDArray[np.float64] | None = None
         self._noise: NDArray[np.float64] | None = None
-        for name, (fits, rule) in self._rules().items():
-            if not fits:
-                raise ConfigurationError(f"{name} is {getattr(self, name)!r}; it must be {rule}.")
         super().__init__(
             policy, env, population_size=population_size, learning_rate=learning_rate, **shared
         )
@@ -104,7 +98,6 @@ class PopulationSearch(BufferedAlgorithm):
         """
 
     def _rules(self) -> Rules:
-        """Return for each setting whether it fits, and its rule in words."""
         n = self.population_size
         return {
             "population_size": (n >= 1, ">= 1"),

@@ -1,4 +1,4 @@
-"""Names under which classes stand in files, and settings that can be had by a preset's name.
+"""Settings: their names in files, their presets, and the rules that they must fit.
 
 A file that held ``module:Class`` could not be read after the class has moved. So every settings
 class has a name that stays, written beside it: ``@settings_name("smooth-noise")``.
@@ -8,6 +8,9 @@ from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Self, TypeVar
 
 from sb3_nmp.common.exceptions import ConfigurationError
+
+#: by a setting's name: whether its value fits, and the rule in words
+Rules = Mapping[str, tuple[bool, str]]
 
 Class = TypeVar("Class", bound=type)
 
@@ -51,6 +54,18 @@ def stable_name(cls: type) -> str:
             f"{', '.join(sorted(_NAMES.values()))} are."
         )
     return _NAMES[cls]
+
+
+def check_rules(owner: object, rules: Rules) -> None:
+    """Raise for the first setting that does not fit its rule.
+
+    :param owner: has the settings as attributes
+    :param rules: of its settings
+    :raises ConfigurationError: a setting does not fit
+    """
+    for name, (fits, rule) in rules.items():
+        if not fits:
+            raise ConfigurationError(f"{name} is {getattr(owner, name)!r}; it must be {rule}.")
 
 
 class Presets:

@@ -10,8 +10,9 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 
 from sb3_nmp.common.buffer import RewardScaling, scale_rewards, selection_weights
-from sb3_nmp.common.population import PopulationArguments, PopulationSearch, Rules, blend
+from sb3_nmp.common.population import PopulationArguments, PopulationSearch, blend
 from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.common.settings import Rules
 from sb3_nmp.rcnmp.policy import RCNMPPolicy
 from sb3_nmp.rcnmp.training import Elbo, RCNMPTraining, batches, elbo
 
@@ -54,18 +55,14 @@ class RCNMP(PopulationSearch):
     the last generation only).
 
     >>> import benchmark_envs
-    >>> from sb3_nmp import RCNMP
     >>> model = RCNMP("MlpPolicy", "nmp/Bottles-v0", seed=0).learn(40)
-    >>> context = model.get_env().reset()
-    >>> model.predict(context, deterministic=True)[0].shape
+    >>> model.predict(model.get_env().reset(), deterministic=True)[0].shape
     (1, 200, 2)
 
-    :param learning_rate: of Adam, or a schedule of it
     :param elite_parents: probability that a parent of a crossover is a stored rollout, drawn like
         those for training, instead of a decoded latent; 0 is the thesis's crossover
     :param latent_std: standard deviation of the latents in the search, where training has 1
-    :param reward_scaling: how the network sees rewards: ``"rank"`` in [-1, 1], or
-        ``"standardize"``
+    :param reward_scaling: how the network sees rewards: ``"rank"`` in [-1, 1], ``"standardize"``
     :param reward_conditioning: whether the network sees the reward
     :param beta: weight of the KL divergence in Eq. 6.2
     :param training: length and mini-batches of the training after each generation
@@ -119,7 +116,7 @@ class RCNMP(PopulationSearch):
                 self.reward_scaling in get_args(RewardScaling),
                 "'rank' or 'standardize'",
             ),
-        } | super()._rules()
+        } | dict(super()._rules())
 
     def _draw_members(self) -> None:
         """Draw latents for samples (III), and parents and cuts for pairs of children (IV)."""
