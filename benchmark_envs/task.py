@@ -154,12 +154,19 @@ class Task(ABC):
         """The worst and the best reward that a rollout can give; a diverged one gives the worst."""
 
     @abstractmethod
+    def _draw_context(self, rng: np.random.Generator) -> FloatArray:
+        """Draw a context of the context space, shape (C,).
+
+        :param rng: the generator to draw from
+        """
+
     def sample_context(self, rng: np.random.Generator) -> FloatArray:
-        """Draw a context.
+        """Draw a context, rounded as `check_context` does.
 
         :param rng: the generator to draw from
         :return: shape (C,)
         """
+        return self.check_context(self._draw_context(rng))
 
     @abstractmethod
     def initial_trajectory(self, context: ArrayLike) -> FloatArray:
@@ -232,7 +239,9 @@ class Task(ABC):
         return assemble(contexts, inside, outside, measured, worst=self.reward_range[0])
 
     def check_context(self, context: ArrayLike) -> FloatArray:
-        """Return the context as float64.
+        """Return the context as it is simulated: float64, but rounded to the nearest float32.
+
+        An observation is float32, so that a context and what is observed of it are the same.
 
         :param context: shape (C,)
         :raises InvalidContextError: wrong shape, non-finite value, or outside the context space
@@ -252,7 +261,7 @@ class Task(ABC):
                 f"lie in [{space.low[i]:.6g}, {space.high[i]:.6g}]. The whole space: {names} in "
                 f"{space.low.tolist()} to {space.high.tolist()}."
             )
-        return checked
+        return checked.astype(np.float32).astype(np.float64)
 
     def check_trajectories(self, trajectories: ArrayLike) -> FloatArray:
         """Return the trajectories as float64 of shape (N, T, D).

@@ -118,7 +118,7 @@ class TargetTask(Task):
     def reward_range(self) -> tuple[float, float]:
         return -5.0, 0.0
 
-    def sample_context(self, rng: np.random.Generator) -> FloatArray:
+    def _draw_context(self, rng: np.random.Generator) -> FloatArray:
         angle, radius = rng.uniform(-1.0, 2.4), rng.uniform(0.8, 1.2)
         return radius * np.array([np.cos(angle), np.sin(angle)])
 

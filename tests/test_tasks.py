@@ -236,6 +236,39 @@ def test_a_pinned_context_and_the_reset_option_are_followed(task_id: str) -> Non
 
 
 @TASKS
+def test_the_context_that_is_observed_is_the_one_that_is_simulated(task_id: str) -> None:
+    """Contexts are float32 in spaces and observations, and nowhere anything else."""
+    settings = {"random_bottles": True} if "Bottles" in task_id else {}
+    env = gym.make(task_id, **settings)
+    task: Task = env.unwrapped.task  # pyright: ignore[reportAttributeAccessIssue]
+    for seed in range(8):
+        observed, _ = env.reset(seed=seed)
+        drawn = context_of(task, seed)
+        np.testing.assert_array_equal(observed.astype(float), drawn)
+        bend = np.sin(np.linspace(0, 3, len(task.times)))[:, None]
+        trajectory = (task.demonstrate(drawn) + 0.01 * bend).astype(np.float32)
+        first = env.step(trajectory)
+        unrounded = drawn + 1e-10  # as a user's float64, nearer to it than to any other float32
+        np.testing.assert_array_equal(task.demonstrate(unrounded), task.demonstrate(drawn))
+        for context in (observed, observed.astype(float), unrounded):
+            again, _ = env.reset(options={"context": context})
+            np.testing.assert_array_equal(again, observed)
+            assert_same_step(env.step(trajectory), first)
+            pinned = gym.make(task_id, context=context, **settings)
+            pinned.reset()
+            assert_same_step(pinned.step(trajectory), first)
+            rollouts = task.simulate(context, trajectory)
+            assert rollouts.rewards[0] == first[1]
+            np.testing.assert_array_equal(rollouts.contexts[0], observed.astype(float))
+
+
+def assert_same_step(step: tuple, other: tuple) -> None:
+    np.testing.assert_array_equal(step[0], other[0])
+    assert step[1] == other[1] and step[4]["is_success"] == other[4]["is_success"]
+    np.testing.assert_array_equal(step[4]["executed_trajectory"], other[4]["executed_trajectory"])
+
+
+@TASKS
 def test_stepping_before_reset_is_refused(task_id: str) -> None:
     env = gym.make(task_id).unwrapped
     with pytest.raises(TaskError, match="call reset"):
@@ -405,7 +438,7 @@ def test_a_task_without_physics_is_written_in_a_few_lines_and_diverges_like_any_
         def reward_range(self) -> tuple[float, float]:
             return -3.0, 0.0
 
-        def sample_context(self, rng: np.random.Generator) -> np.ndarray:
+        def _draw_context(self, rng: np.random.Generator) -> np.ndarray:
             return rng.uniform(-1.0, 1.0, 1)
 
         def initial_trajectory(self, context: ArrayLike) -> np.ndarray:

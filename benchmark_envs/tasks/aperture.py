@@ -112,7 +112,7 @@ class ApertureTask(MujocoTask):
             )
         return checked
 
-    def sample_context(self, rng: np.random.Generator) -> FloatArray:
+    def _draw_context(self, rng: np.random.Generator) -> FloatArray:
         """Draw opening and goal uniformly from the thesis's ranges, shape (4,) in m.
 
         :param rng: the generator to draw from

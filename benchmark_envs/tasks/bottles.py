@@ -96,7 +96,7 @@ class BottlesTask(MujocoTask):
         """Both bottles down, not crossed, the longest path; and the straight line's length."""
         return 2 * DOWN + NOT_CROSSED + PER_METRE * LONGEST, PER_METRE * (0.8 - GOAL_TOLERANCE)
 
-    def sample_context(self, rng: np.random.Generator) -> FloatArray:
+    def _draw_context(self, rng: np.random.Generator) -> FloatArray:
         """Return the thesis's bottle positions, or a draw with ``random_bottles``, shape (4,).
 
         The drawn bottles stand 0.19 to 0.26 m apart, so that the gap is never narrower than

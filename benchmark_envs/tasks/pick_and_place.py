@@ -137,7 +137,7 @@ class PickAndPlaceTask(MujocoTask):
         """All three distances at their bound; and none."""
         return -3 * FARTHEST, 0.0
 
-    def sample_context(self, rng: np.random.Generator) -> FloatArray:
+    def _draw_context(self, rng: np.random.Generator) -> FloatArray:
         """Draw heights of object and tower uniformly, shape (2,) in m.
 
         :param rng: the generator to draw from

@@ -54,7 +54,7 @@ LEAST_TARGET = 50.0  # g
 TOLERANCE = 27.0  # g; the thesis's error after adaptation
 CHUNK = 8  # rollouts, 4 MB of states each
 
-#: `sample_context` draws from these: least and most of initial amount and amount to pour, in g
+#: contexts are drawn from these: least and most of initial amount and amount to pour, in g
 DEMONSTRATED = np.array([[850.0, 150.0], [950.0, 600.0]])
 #: far from the demonstrations, in g; the first one is the thesis's
 EXTRAPOLATION_CONTEXTS = np.array(
@@ -148,7 +148,7 @@ class PouringTask(MujocoTask):
             )
         return checked
 
-    def sample_context(self, rng: np.random.Generator) -> FloatArray:
+    def _draw_context(self, rng: np.random.Generator) -> FloatArray:
         """Draw a context among the demonstrated ones, shape (2,) in g.
 
         The initial amount is uniform in 850 to 950 g and the amount to pour in 150 to 600 g.

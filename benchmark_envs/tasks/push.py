@@ -65,7 +65,7 @@ TARGETS = np.array(
 #: the ends of the arc, which lie outside the other nine; the eight others are interpolation
 EXTRAPOLATION_TARGETS = (2, 9)
 
-#: where `sample_context` draws from, about the base: bearing in degrees and distance in m
+#: where targets are drawn from, about the base: bearing in degrees and distance in m
 BEARINGS = (-60.0, 140.0)
 DISTANCES = (0.33, 0.42)
 
@@ -132,7 +132,7 @@ class PushTask(MujocoTask):
         """As far away as counts all the time, or at the end; and no error at all."""
         return (-T * FARTHEST**2 if self.reward == "path" else -FARTHEST_END), 0.0
 
-    def sample_context(self, rng: np.random.Generator) -> FloatArray:
+    def _draw_context(self, rng: np.random.Generator) -> FloatArray:
         """Draw a target from the band around the arc of the ten targets, shape (2,) in m.
 
         :param rng: the generator to draw from
