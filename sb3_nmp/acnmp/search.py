@@ -174,7 +174,7 @@ class CriticSearch:
         return self.space.trajectories(points)
 
     def _ask_critic(self, n: int, rng: np.random.Generator) -> FloatArray:
-        """Return the coordinates of n proposals, shape (n, n coordinates)."""
+        """Return the coordinates of some proposals, one row each."""
         critic = Critic.fit(self.points, Generation.concatenate(self.rollouts), self._hypotheses)
         points: list[FloatArray] = []
         for _ in range(n):
@@ -183,7 +183,7 @@ class CriticSearch:
         return np.stack(points)
 
     def _maximise(self, critic: Critic, rng: np.random.Generator) -> FloatArray:
-        """Return the best of many candidates around the best rollout, shape (n coordinates,)."""
+        """Return the best of many candidates around the best rollout, shape (n,)."""
         s, radius = self.settings, self.region.radius
         centre = self.points[self.rewards.argmax()]
 
