@@ -40,6 +40,8 @@ class Measured:
     :param paths: positions of moved objects by name, each of shape (N, T, 2 or 3) in m
     :param step_rewards: where the reward is a sum over time, its summands, shape (N, T)
     :param outcomes: what else happened, by name, each of shape (N,)
+    :param achieved_contexts: in which contexts the rollouts would have been right, NaN where in
+        none, shape (N, C); None where the task cannot tell
     """
 
     executed: FloatArray
@@ -50,6 +52,7 @@ class Measured:
     paths: dict[str, FloatArray] = field(default_factory=dict)
     step_rewards: FloatArray | None = None
     outcomes: dict[str, FloatArray] = field(default_factory=dict)
+    achieved_contexts: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,8 @@ class Rollouts:
     :param step_rewards: where the reward is a sum over time, its summands, shape (N, T)
     :param outcomes: what else happened, by name, such as 1.0 for an object that was dropped and
         0.0 for one that was not, each of shape (N,); they are no part of the reward
+    :param achieved_contexts: in which contexts the rollouts would have been right, NaN where in
+        none, shape (N, C); None where the task cannot tell
     """
 
     contexts: FloatArray
@@ -91,6 +96,7 @@ class Rollouts:
     paths: dict[str, FloatArray] = field(default_factory=dict)
     step_rewards: FloatArray | None = None
     outcomes: dict[str, FloatArray] = field(default_factory=dict)
+    achieved_contexts: FloatArray | None = None
 
     def __len__(self) -> int:
         """Return the number of rollouts, N."""
@@ -114,6 +120,9 @@ class Rollouts:
             paths={name: path[rows] for name, path in self.paths.items()},
             step_rewards=None if self.step_rewards is None else self.step_rewards[rows],
             outcomes={name: outcome[rows] for name, outcome in self.outcomes.items()},
+            achieved_contexts=None
+            if self.achieved_contexts is None
+            else self.achieved_contexts[rows],
         )
 
     def info(self, index: int) -> dict[str, Any]:
@@ -123,7 +132,8 @@ class Rollouts:
         :return: scalars ``is_success``, ``diverged``, ``clipped``, ``reward_<term>`` and the
             task's outcomes by their names, and the arrays ``executed_trajectory`` (T, D),
             ``path_<object>`` (T, 2 or 3) and, where the reward is a sum over time,
-            ``step_rewards`` (T,)
+            ``step_rewards`` (T,); where the rollout would have been right in some context,
+            that one as ``achieved_context`` (C,)
         """
         info: dict[str, Any] = {
             "is_success": bool(self.successes[index]),
@@ -135,6 +145,9 @@ class Rollouts:
         info |= {name: float(outcome[index]) for name, outcome in self.outcomes.items()}
         if self.step_rewards is not None:
             info["step_rewards"] = self.step_rewards[index]
+        achieved = None if self.achieved_contexts is None else self.achieved_contexts[index]
+        if achieved is not None and np.isfinite(achieved).all():
+            info["achieved_context"] = achieved
         return info | {f"path_{name}": path[index] for name, path in self.paths.items()}
 
 
@@ -160,6 +173,9 @@ def assemble(
     steps = measured.step_rewards
     if steps is not None:
         steps = np.where(diverged[:, None], worst / steps.shape[1], steps)
+    achieved = measured.achieved_contexts
+    if achieved is not None:
+        achieved = np.where(diverged[:, None], np.nan, achieved)
     return Rollouts(
         contexts=contexts,
         trajectories=trajectories,
@@ -172,4 +188,5 @@ def assemble(
         paths=measured.paths,
         step_rewards=steps,
         outcomes=measured.outcomes,
+        achieved_contexts=achieved,
     )

@@ -263,6 +263,16 @@ class Task(ABC):
             )
         return checked.astype(np.float32).astype(np.float64)
 
+    def within_contexts(self, achieved: FloatArray, known: BoolArray) -> FloatArray:
+        """Return achieved contexts, NaN where there is none or it lies outside the context space.
+
+        :param achieved: shape (N, C)
+        :param known: where something was achieved, shape (N,)
+        """
+        low, high = self.context_space.low, self.context_space.high
+        inside = ((achieved >= low) & (achieved <= high)).all(axis=1)
+        return np.where((known & inside)[:, None], achieved, np.nan)
+
     def check_trajectories(self, trajectories: ArrayLike) -> FloatArray:
         """Return the trajectories as float64 of shape (N, T, D).
 

@@ -90,6 +90,9 @@ class PouringTask(MujocoTask):
     elsewhere (spilled), and ``info`` holds these ``poured``, ``kept`` and ``spilled`` grams, whose
     sum is the initial amount exactly.
 
+    What a rollout achieved (`Rollouts.achieved_contexts`) is the initial amount and what was poured
+    of it, if that is an amount that can be asked for.
+
     Reward: ``short + excess``, minus the absolute difference of poured and wanted grams. Success:
     it is at most 27 g.
 
@@ -250,6 +253,7 @@ class PouringTask(MujocoTask):
             },
             successes=np.abs(poured - target) <= TOLERANCE,
             outcomes={"poured": poured, "kept": kept, "spilled": spilled},
+            achieved_contexts=self.within_contexts(np.column_stack([initial, poured]), poured > 0),
         )
 
     def _amounts(

@@ -10,8 +10,11 @@ from typing import Any, TypedDict, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from sb3_nmp.common.exceptions import InvalidDataError
+
 IS_SUCCESS = "is_success"
 STEP_REWARDS = "step_rewards"
+ACHIEVED_CONTEXT = "achieved_context"
 #: each term of the reward stands under this prefix and its name, as in ``"reward_goal"``
 TERM_PREFIX = "reward_"
 
@@ -23,10 +26,13 @@ class RolloutInfo(TypedDict, total=False):
 
     :param is_success: whether the rollout solved the task; False where it is missing
     :param step_rewards: the summands of the reward over time, shape (T,)
+    :param achieved_context: in which context the rollout would have been right, shape (C,); missing
+        where the environment cannot tell, or where it would have been right in none
     """
 
     is_success: bool
     step_rewards: NDArray[np.float64]
+    achieved_context: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -48,6 +54,8 @@ class Generation:
     :param successes: the info's ``is_success``, False where it has none, shape (N,)
     :param terms: the reward's terms, from the info's ``reward_<name>``, each of shape (N,)
     :param step_rewards: the info's ``step_rewards``, shape (N, T); None where it has none
+    :param achieved: the info's ``achieved_context``, NaN where a rollout has none, shape (N, C);
+        None where no rollout has one
     """
 
     contexts: NDArray[np.float32]
@@ -56,6 +64,7 @@ class Generation:
     successes: NDArray[np.bool_]
     terms: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     step_rewards: NDArray[np.float64] | None = None
+    achieved: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         """Return the number of rollouts, N."""
@@ -75,6 +84,7 @@ class Generation:
         :param trajectories: shape (N, T, D)
         :param rewards: shape (N,)
         :param infos: one for each environment, see `RolloutInfo`
+        :raises InvalidDataError: an achieved context of a wrong shape
         """
         keys = [key for key in infos[0] if key.startswith(TERM_PREFIX)]
         steps = [info.get(STEP_REWARDS) for info in infos]
@@ -88,6 +98,7 @@ class Generation:
                 for key in keys
             },
             None if any(step is None for step in steps) else np.array(steps, np.float64),
+            achieved_contexts(infos, np.shape(contexts)[1]),
         )
 
     @classmethod
@@ -106,6 +117,7 @@ class Generation:
             None
             if any(step is None for step in steps)
             else np.concatenate(cast(list[NDArray[np.float64]], steps)),
+            _join_achieved(parts),
         )
 
     def __getitem__(self, rows: slice | NDArray[Any]) -> "Generation":
@@ -120,4 +132,39 @@ class Generation:
             self.successes[rows],
             {name: term[rows] for name, term in self.terms.items()},
             None if self.step_rewards is None else self.step_rewards[rows],
+            None if self.achieved is None else self.achieved[rows],
         )
+
+
+def achieved_contexts(infos: list[dict[str, Any]], context_dim: int) -> NDArray[np.float64] | None:
+    """Return what each rollout achieved, NaN where it tells none, shape (N, C); None if none does.
+
+    :param infos: one for each environment
+    :param context_dim: C
+    :raises InvalidDataError: one of a wrong shape
+    """
+    if not any(ACHIEVED_CONTEXT in info for info in infos):
+        return None
+    nothing = np.full(context_dim, np.nan)
+    told = [np.asarray(info.get(ACHIEVED_CONTEXT, nothing), np.float64) for info in infos]
+    for achieved in told:
+        if achieved.shape != (context_dim,):
+            raise InvalidDataError(
+                f"info['{ACHIEVED_CONTEXT}'] has shape {achieved.shape}; it must be a context, of "
+                f"shape ({context_dim},), or be left out where a rollout achieved nothing."
+            )
+    return np.stack(told)
+
+
+def _join_achieved(parts: list[Generation]) -> NDArray[np.float64] | None:
+    """Return the achieved contexts of all parts, NaN for those that tell none."""
+    if all(part.achieved is None for part in parts):
+        return None
+    shape = parts[0].contexts.shape[1]
+    none = [np.full((len(part), shape), np.nan) for part in parts]
+    return np.concatenate(
+        [
+            nothing if part.achieved is None else part.achieved
+            for part, nothing in zip(parts, none, strict=True)
+        ]
+    )
