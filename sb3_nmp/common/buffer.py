@@ -10,7 +10,7 @@ from scipy.stats import rankdata
 
 from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
 
-FILE_KEYS = ("contexts", "trajectories", "rewards")
+FILE_KEYS = ("contexts", "trajectories", "rewards", "successes", "achieved")
 #: how a network sees rewards: by place in [-1, 1], or with mean 0 and standard deviation 1
 RewardScaling = Literal["rank", "standardize"]
 
@@ -47,6 +47,8 @@ class TrajectoryBuffer:
         self._contexts: NDArray[np.float32] = np.empty((0, context_dim), np.float32)
         self._trajectories: NDArray[np.float32] = np.empty((0, *trajectory_shape), np.float32)
         self._rewards: NDArray[np.float64] = np.empty(0, np.float64)
+        self._successes: NDArray[np.bool_] = np.empty(0, bool)
+        self._achieved: NDArray[np.float64] = np.empty((0, context_dim))
 
     def __len__(self) -> int:
         """Return the number of rollouts kept."""
@@ -67,33 +69,54 @@ class TrajectoryBuffer:
         """Their rewards, shape (N,)."""
         return self._rewards
 
+    @property
+    def successes(self) -> NDArray[np.bool_]:
+        """Whether they solved the task, shape (N,)."""
+        return self._successes
+
+    @property
+    def achieved(self) -> NDArray[np.float64]:
+        """Contexts in which they would have been right, NaN where not known, shape (N, C)."""
+        return self._achieved
+
     def add(
         self,
         contexts: NDArray[np.floating],
         trajectories: NDArray[np.floating],
         rewards: NDArray[np.floating],
+        successes: NDArray[np.bool_] | None = None,
+        achieved: NDArray[np.floating] | None = None,
     ) -> None:
         """Append rollouts.
 
         :param contexts: shape (N, C)
         :param trajectories: shape (N, T, D)
         :param rewards: shape (N,)
+        :param successes: shape (N,); None: not known, taken for failures
+        :param achieved: shape (N, C), NaN where a rollout achieved nothing; None: not known
         :raises InvalidDataError: shapes that do not fit, or non-finite values
         """
+        n = len(rewards)
+        successes = np.zeros(n, bool) if successes is None else successes
+        achieved = np.full(np.shape(contexts), np.nan) if achieved is None else achieved
         shapes = {
             "contexts": (np.shape(contexts), (len(rewards), *self._contexts.shape[1:])),
             "trajectories": (np.shape(trajectories), (len(rewards), *self._trajectories.shape[1:])),
             "rewards": (np.shape(rewards), (len(rewards),)),
+            "successes": (np.shape(successes), (len(rewards),)),
+            "achieved": (np.shape(achieved), (len(rewards), *self._contexts.shape[1:])),
         }
         for name, (shape, expected) in shapes.items():
             if shape != expected:
                 raise InvalidDataError(f"{name} have shape {shape}; the buffer needs {expected}.")
-        for name, values in zip(FILE_KEYS, (contexts, trajectories, rewards), strict=True):
+        for name, values in zip(FILE_KEYS, (contexts, trajectories, rewards), strict=False):
             if not np.isfinite(values).all():
                 raise InvalidDataError(f"{name} hold a value that is not finite (NaN or infinity).")
         self._contexts = np.concatenate([self._contexts, contexts]).astype(np.float32)
         self._trajectories = np.concatenate([self._trajectories, trajectories]).astype(np.float32)
         self._rewards = np.concatenate([self._rewards, rewards]).astype(np.float64)
+        self._successes = np.concatenate([self._successes, successes]).astype(bool)
+        self._achieved = np.concatenate([self._achieved, achieved]).astype(np.float64)
         self._drop_oldest()
 
     def _drop_oldest(self) -> None:
@@ -108,6 +131,7 @@ class TrajectoryBuffer:
         self._contexts = self._contexts[keep]
         self._trajectories = self._trajectories[keep]
         self._rewards = self._rewards[keep]
+        self._successes, self._achieved = self._successes[keep], self._achieved[keep]
 
     def save(self, path: str | Path) -> None:
         """Write the buffer as .npz, without pickled objects, in one atomic step.
@@ -122,6 +146,8 @@ class TrajectoryBuffer:
                 contexts=self._contexts,
                 trajectories=self._trajectories,
                 rewards=self._rewards,
+                successes=self._successes,
+                achieved=self._achieved,
             )
         partial.replace(target)
 

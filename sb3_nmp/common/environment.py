@@ -96,6 +96,18 @@ def initial_trajectory(env: VecEnv, space: spaces.Box) -> FloatArray:
         return (space.low.astype(np.float64) + space.high) / 2
 
 
+def initial_trajectories(env: VecEnv, space: spaces.Box) -> FloatArray:
+    """Return every environment's naive trajectory for its current context, shape (n, T, D).
+
+    :param env: read as by `initial_trajectory`
+    :param space: of the actions
+    """
+    try:
+        return np.asarray(env.env_method("initial_trajectory"), np.float64)
+    except AttributeError:
+        return np.repeat(initial_trajectory(env, space)[None], env.num_envs, axis=0)
+
+
 def exploration_scale(env: VecEnv, space: spaces.Box) -> FloatArray:
     """Return the standard deviation at which a search may begin, shape (D,).
 

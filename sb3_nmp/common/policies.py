@@ -68,9 +68,13 @@ class ElitePolicy(TrajectoryPolicy):
         if deterministic:
             for row, context in enumerate(contexts):
                 elite = self.elites.find(context)
-                if elite is not None:
+                if elite is not None and self._may_answer(elite):
                     trajectories[row] = self.elites.trajectories[elite]
         return trajectories
+
+    def _may_answer(self, elite: int) -> bool:
+        """Return whether a remembered trajectory goes before what has been learned."""
+        return True
 
     def greedy(self, contexts: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return the greedy trajectories inside the action space, shape (N, T, D).

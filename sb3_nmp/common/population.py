@@ -8,12 +8,18 @@ from abc import abstractmethod
 from typing import Any, Unpack, cast
 
 import numpy as np
+import torch as th
+from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
+from stable_baselines3.common.vec_env import VecEnv
 
+from sb3_nmp.common import environment
 from sb3_nmp.common.arguments import SharedArguments
 from sb3_nmp.common.buffer import TrajectoryBuffer
 from sb3_nmp.common.buffered import BufferedAlgorithm
+from sb3_nmp.common.contextual import ContextualExploration, ContextualSearch, Experience, Skill
+from sb3_nmp.common.elites import SAME_CONTEXT
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.pd_controller import PDController
 from sb3_nmp.common.policies import ElitePolicy
@@ -29,6 +35,8 @@ class PopulationArguments(SharedArguments, total=False):
     pd_controller: PDController | None
     buffer_size: int | None
     n_elites: int
+    contextual: ContextualExploration
+    relabel: bool
 
 
 class PopulationSearch(BufferedAlgorithm):
@@ -37,6 +45,11 @@ class PopulationSearch(BufferedAlgorithm):
     The first generation executes the initial trajectories as they are and, for the rest of the
     members, mutated; later ones mutate what the subclass proposes. Every trajectory passes the PD
     controller before it is executed and stored.
+
+    So much for one context. On an environment that draws contexts, a generation tries the present
+    answer in new ones, with noise, and the policy's skill learns from what was right anywhere
+    (`sb3_nmp.common.contextual`). The operators above have no part in it, and all rollouts are
+    kept.
 
     :param n_crossover: members that are crossover children, even
     :param mutation_decay: factor on the noise after each generation, in (0, 1]
@@ -54,6 +67,9 @@ class PopulationSearch(BufferedAlgorithm):
         its last one; None sends trajectories as they are
     :param buffer_size: rollouts kept; None keeps all
     :param n_elites: best rollouts that a full buffer never drops
+    :param contextual: how far rollouts explore where contexts vary
+    :param relabel: whether a rollout counts for the context that it achieved, where contexts vary
+        and the environment tells one; otherwise for its own context alone
     """
 
     def __init__(
@@ -72,8 +88,13 @@ class PopulationSearch(BufferedAlgorithm):
         pd_controller: PDController | None = PDController(),  # noqa: B008 (frozen)
         buffer_size: int | None = None,
         n_elites: int = 1,
+        contextual: ContextualExploration = ContextualExploration(),  # noqa: B008 (frozen)
+        relabel: bool = True,
         **shared: Unpack[SharedArguments],
     ) -> None:
+        self.contextual, self.relabel = contextual, relabel
+        self._search: ContextualSearch | None = None
+        self._varies: bool | None = None
         self.n_crossover, self.mutation = n_crossover, mutation
         self.mutation_rate, self.mutation_decay = mutation_rate, mutation_decay
         self.n_explorers, self.temperature = n_explorers, temperature
@@ -138,6 +159,12 @@ class PopulationSearch(BufferedAlgorithm):
         return self.population_size if len(self.replay_buffer) == 0 else self.n_explorers
 
     def _begin_generation(self) -> None:
+        if self._varies is None:
+            self._look_at_contexts()
+        if self._search is not None:
+            n_weights = self._skill.space.n_weights
+            self._noise = self.rng.standard_normal((self.population_size, n_weights))
+            return
         self._noise = self._draw_noise()
         if len(self.replay_buffer) == 0:
             self._noise[: len(self.initial)] = 0.0
@@ -163,6 +190,8 @@ class PopulationSearch(BufferedAlgorithm):
         Members are never batched, so that a member's bits do not depend on how many environments
         step together.
         """
+        if self._search is not None:
+            return self._explore(members, contexts)
         noise, ends = cast(NDArray[np.float64], self._noise), self.initial.mean(axis=0)[[0, -1]]
         proposed = []
         for member, context in zip(range(members.start, members.stop), contexts, strict=True):
@@ -177,12 +206,97 @@ class PopulationSearch(BufferedAlgorithm):
         return np.stack(proposed)
 
     def _observe(self, rollouts: Generation) -> None:
-        self.policy.elites.update(rollouts.contexts, rollouts.trajectories, rollouts.rewards)
+        solved = rollouts.successes if self._search is not None else None
+        self.policy.elites.update(
+            rollouts.contexts, rollouts.trajectories, rollouts.rewards, solved
+        )
 
     def _end_generation(self, generation: Generation) -> None:
-        self.replay_buffer.add(generation.contexts, generation.trajectories, generation.rewards)
+        self.replay_buffer.add(
+            generation.contexts,
+            generation.trajectories,
+            generation.rewards,
+            generation.successes,
+            generation.achieved,
+        )
+        if self._search is not None:
+            self._learn_skill(generation, self._search)
         self.logger.record("train/best_reward", float(self.replay_buffer.rewards.max()))
         self.logger.record("train/buffer_size", len(self.replay_buffer))
+
+    # -- where contexts vary -------------------------------------------------------------------
+
+    @property
+    def _skill(self) -> Skill:
+        return cast(Skill, self.policy.skill)  # pyright: ignore[reportAttributeAccessIssue]
+
+    def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
+        """Exchange the environment; see SB3. Whether its contexts vary is found out anew.
+
+        :param env: the new environment; its spaces must be the old one's
+        :param force_reset: reset it before training goes on
+        :raises ConfigurationError: the population does not fit the number of environments
+        """
+        super().set_env(env, force_reset)
+        if self._search is None:
+            self._varies = None
+
+    def _look_at_contexts(self) -> None:
+        """Find out whether contexts vary, and begin the skill where they do."""
+        env = cast(VecEnv, self.env)
+        drawn = [np.array(self._last_obs, np.float32)]
+        if len(drawn[0]) < 2:
+            drawn.append(np.array(env.reset(), np.float32))
+        self._last_obs = drawn[-1]
+        self._varies = bool(np.any(np.ptp(np.concatenate(drawn), axis=0) > SAME_CONTEXT))
+        if self._varies:
+            self._search = ContextualSearch(self.contextual)
+            self.replay_buffer.capacity = None
+            self._begin_skill(env)
+
+    def _begin_skill(self, env: VecEnv) -> None:
+        """Look at the initial trajectories of a few contexts, which costs no rollout."""
+        space = cast(spaces.Box, self.action_space)
+        contexts: list[NDArray[np.float32]] = []
+        initial: list[NDArray[np.float64]] = []
+        while len(contexts) < 2 * (1 + self.policy.context_dim):
+            contexts.extend(np.array(env.reset(), np.float32))
+            initial.extend(environment.initial_trajectories(env, space))
+        self._skill.space.begin(np.stack(contexts), np.stack(initial), self.first_scale())
+        self._last_obs = np.stack(contexts[-env.num_envs :])
+
+    def _explore(self, members: slice, contexts: NDArray[np.float32]) -> NDArray[np.floating]:
+        """Return the answers to contexts with noise, shape (n, T, D)."""
+        search, skill = cast(ContextualSearch, self._search), self._skill
+        noise = cast(NDArray[np.float64], self._noise)[members]
+        weights = search.scale * skill.space.scale.cpu().numpy() * noise
+        if skill.is_ready:
+            weights = weights + skill.answer(contexts)
+        return skill.space.trajectories(contexts, weights)
+
+    def _learn_skill(self, generation: Generation, search: ContextualSearch) -> None:
+        """Take in a generation, adapt the noise, and learn anew where enough has come together."""
+        buffer, skill, was_ready = self.replay_buffer, self._skill, self._skill.is_ready
+        n_before = len(buffer) - len(generation)
+        search.take(generation.rewards, generation.successes, n_before, was_ready)
+        achieved = buffer.achieved if self.relabel else None
+        told = 0 if achieved is None else int(np.isfinite(achieved).all(axis=1).sum())
+        enough = told >= search.exploration.least_achieved or (
+            told == 0 and search.example is not None
+        )
+        if enough and search.is_due(len(buffer)):
+            weights = skill.space.weights(buffer.contexts, buffer.trajectories)
+            experience = Experience(
+                buffer.contexts.astype(np.float64), weights, buffer.rewards, buffer.successes,
+                achieved if told else None, search.example, search.since,
+            )  # fmt: skip
+            seed = int(self.rng.integers(2**31))
+            skill.learn(experience, th.Generator().manual_seed(seed))
+            search.learned_from = len(buffer)
+        rate = float(generation.successes.mean())
+        search.adapt(rate, was_ready, skill.is_ready, told > 0)
+        self.logger.record("train/exploration", search.scale)
+        self.logger.record("train/success_rate", rate)
 
     def load_replay_buffer(self, path: str) -> None:
         """Read a replay buffer; its rollouts are remembered as elites too.
@@ -193,7 +307,8 @@ class PopulationSearch(BufferedAlgorithm):
         """
         super().load_replay_buffer(path)
         buffer = self.replay_buffer
-        self.policy.elites.update(buffer.contexts, buffer.trajectories, buffer.rewards)
+        solved = buffer.successes if self._search is not None else None
+        self.policy.elites.update(buffer.contexts, buffer.trajectories, buffer.rewards, solved)
 
 
 def blend(before: NDArray[Any], after: NDArray[Any], cut: int) -> NDArray[Any]:

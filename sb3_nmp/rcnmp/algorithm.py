@@ -164,7 +164,8 @@ class RCNMP(PopulationSearch):
 
     def _end_generation(self, generation: Generation) -> None:
         super()._end_generation(generation)
-        self._train()
+        if self._search is None:
+            self._train()
 
     def _train(self) -> None:
         """Train the network on the buffer (II)."""

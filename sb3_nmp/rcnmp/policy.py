@@ -11,6 +11,9 @@ from torch import nn
 
 from sb3_nmp.common.policies import ElitePolicy
 from sb3_nmp.models.neural_process import NeuralProcess
+from sb3_nmp.rcnmp.achievement import RCNMPAchievement
+from sb3_nmp.rcnmp.contextual_skill import ContextualSkill
+from sb3_nmp.rcnmp.skill import RCNMPSkill
 
 
 class RCNMPPolicy(ElitePolicy):
@@ -35,6 +38,8 @@ class RCNMPPolicy(ElitePolicy):
     :param n_frequencies: of the time features (`TimeFeatures`)
     :param decoder_std: of the likelihood in Eq. 6.2, in units of ``scale``
     :param activation_fn: between the layers
+    :param skill: of the answers to contexts where these vary
+    :param achievement: of the same, where rollouts tell what they achieved
     """
 
     offset: th.Tensor
@@ -55,6 +60,8 @@ class RCNMPPolicy(ElitePolicy):
         n_frequencies: int = 4,
         decoder_std: float = 0.1,
         activation_fn: type[nn.Module] = nn.Tanh,
+        skill: RCNMPSkill = RCNMPSkill(),  # noqa: B008 (frozen)
+        achievement: RCNMPAchievement = RCNMPAchievement(),  # noqa: B008 (frozen)
     ) -> None:
         super().__init__(observation_space, action_space)
         self.settings: dict[str, Any] = {
@@ -64,6 +71,8 @@ class RCNMPPolicy(ElitePolicy):
             "n_frequencies": n_frequencies,
             "decoder_std": decoder_std,
             "activation_fn": activation_fn,
+            "skill": skill,
+            "achievement": achievement,
         }
         self.latent_dim = latent_dim
         shape = self.trajectory_shape
@@ -84,6 +93,7 @@ class RCNMPPolicy(ElitePolicy):
         low, high = th.as_tensor(observation_space.low), th.as_tensor(observation_space.high)
         self.register_buffer("context_middle", (low + high) / 2)
         self.register_buffer("context_half_range", ((high - low) / 2).clamp(min=1e-6))
+        self.skill = ContextualSkill(self.context_dim, shape, skill, achievement)
         self.optimizer = th.optim.Adam(self.network.parameters(), lr_schedule(1), fused=True)
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
@@ -108,13 +118,21 @@ class RCNMPPolicy(ElitePolicy):
         return self.offset + self.scale * self.network.decode(self.times, latents, condition).mean
 
     def generalise(self, contexts: th.Tensor, deterministic: bool = True) -> th.Tensor:
-        """Return what the network proposes for the best reward seen, shape (N, T, D).
+        """Return the skill's answers, or what the network proposes for the best reward, (N, T, D).
 
         :param contexts: shape (N, C)
         :param deterministic: decode the latent 0 instead of one drawn from N(0, I)
         """
+        if self.skill.is_ready:
+            rows = contexts.cpu().numpy()
+            answered = self.skill.space.trajectories(rows, self.skill.answer(rows))
+            return th.as_tensor(answered, dtype=th.float32, device=contexts.device)
         latents = contexts.new_zeros((len(contexts), self.latent_dim))
         return self.generate(contexts, latents if deterministic else th.randn_like(latents))
+
+    def _may_answer(self, elite: int) -> bool:
+        """Return False for a trajectory that failed, where a skill has been learned."""
+        return bool(self.elites.solved[elite]) or not self.skill.is_ready
 
     @property
     def is_scaled(self) -> bool:

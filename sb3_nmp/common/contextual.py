@@ -1,0 +1,187 @@
+"""Search over varying contexts: explore around the answer in ever new ones, and learn from all.
+
+A rollout is right in its own context if it succeeded there, and in the context that it achieved
+wherever the environment tells one (`RolloutInfo.achieved_context`). No context is searched for
+itself: each rollout tries the present answer to a new context, with noise, and the answer is
+learned from what was right anywhere. Shape letters: N rollouts, C context, T x D trajectory, P
+weights of a skill.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import torch as th
+from numpy.typing import NDArray
+
+from sb3_nmp.common.settings import settings_name
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Experience:
+    """All rollouts so far, as a skill learns from them.
+
+    :param contexts: shape (N, C)
+    :param weights: of the trajectories that were executed, shape (N, P)
+    :param rewards: shape (N,)
+    :param successes: shape (N,)
+    :param achieved: contexts in which rollouts would have been right, NaN where in none, shape
+        (N, C); None where the environment tells none
+    :param example: the row of the first success that counts; others before ``since`` do not
+    :param since: the row from which on every success counts
+    """
+
+    contexts: FloatArray
+    weights: FloatArray
+    rewards: FloatArray
+    successes: NDArray[np.bool_]
+    achieved: FloatArray | None
+    example: int | None = None
+    since: int = 0
+
+    @property
+    def right(self) -> NDArray[np.intp]:
+        """The rows that succeeded, those of the first ones that would mix ways to do it left out.
+
+        Successes by chance, before there is any answer, may go different ways round; their mean
+        would go none. So the best of the first ones is the example for all that follow.
+        """
+        counts = self.successes & (np.arange(len(self.successes)) >= self.since)
+        if self.example is not None:
+            counts[self.example] = True
+        return np.flatnonzero(counts)
+
+
+class Space(Protocol):
+    """Trajectories as weights of smooth bases around the initial trajectory of a context."""
+
+    @property
+    def n_weights(self) -> int:
+        """P."""
+        ...
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether `begin` has been called."""
+        ...
+
+    def begin(
+        self, contexts: NDArray[np.floating], trajectories: FloatArray, scale: tuple[float, ...]
+    ) -> None:
+        """Take over initial trajectories (N, T, D) of contexts (N, C), and the scale of noise."""
+        ...
+
+    def weights(
+        self, contexts: NDArray[np.floating], trajectories: NDArray[np.floating]
+    ) -> FloatArray:
+        """Return the weights of trajectories, shape (N, P)."""
+        ...
+
+    def trajectories(self, contexts: NDArray[np.floating], weights: FloatArray) -> FloatArray:
+        """Return the trajectories of weights, shape (N, T, D)."""
+        ...
+
+
+class Skill(Protocol):
+    """What answers a context with the weights of a trajectory; a policy holds one."""
+
+    space: Any  # a `Space`
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether it has learned anything."""
+        ...
+
+    def answer(self, contexts: NDArray[np.floating]) -> FloatArray:
+        """Return the weights that answer contexts, shape (N, P)."""
+        ...
+
+    def learn(self, experience: Experience, generator: th.Generator) -> None:
+        """Learn from all rollouts so far."""
+        ...
+
+
+@settings_name("contextual-exploration")
+@dataclass(frozen=True)
+class ContextualExploration:
+    """How far rollouts in new contexts explore around the answer, in units of the first scale.
+
+    :param after_success: scale once there is an example to follow
+    :param wanted_rate: share of successes at which the scale stays; more let it grow
+    :param gain: of the scale's logarithm on the difference from that share
+    :param limits: of the scale, where success alone tells what is right
+    :param limits_achieved: of the scale, where rollouts tell what they achieved
+    :param growth: factor on the scale after a generation, as long as nothing was right
+    :param largest: of the scale meanwhile
+    :param least_achieved: rollouts that achieved something before there is an answer
+    :param patience: the skill is learned anew when the rollouts have grown by this share
+    """
+
+    after_success: float = 0.4
+    wanted_rate: float = 0.3
+    gain: float = 0.5
+    limits: tuple[float, float] = (0.03, 1.0)
+    limits_achieved: tuple[float, float] = (0.6, 2.5)
+    growth: float = 1.2
+    largest: float = 5.0
+    least_achieved: int = 10
+    patience: float = 0.05
+
+
+@dataclass
+class ContextualSearch:
+    """Where a search over varying contexts stands; it is saved with the model.
+
+    :param exploration: its settings
+    :param scale: of the noise at present
+    :param example: row of the first success that counts, None before there is one
+    :param since: row from which on every success counts
+    :param learned_from: rollouts from which the skill was learned last
+    """
+
+    exploration: ContextualExploration
+    scale: float = 1.0
+    example: int | None = None
+    since: int = 0
+    learned_from: int = 0
+
+    def take(
+        self, rewards: FloatArray, successes: NDArray[np.bool_], n_before: int, was_ready: bool
+    ) -> None:
+        """Remember the first success, and adapt the scale.
+
+        :param rewards: of a generation, shape (n,)
+        :param successes: of the same, shape (n,)
+        :param n_before: rollouts before that generation
+        :param was_ready: whether the generation followed an answer
+        """
+        if self.example is None and not was_ready and successes.any():
+            best = int(np.where(successes, rewards, -np.inf).argmax())
+            self.example, self.since = n_before + best, n_before + len(rewards)
+
+    def adapt(self, rate: float, was_ready: bool, is_ready: bool, by_achievement: bool) -> None:
+        """Adapt the noise's scale after a generation.
+
+        :param rate: share of successes
+        :param was_ready: whether there was an answer before it
+        :param is_ready: whether there is one now
+        :param by_achievement: whether rollouts tell what they achieved
+        """
+        e = self.exploration
+        low, high = e.limits_achieved if by_achievement else e.limits
+        if was_ready:
+            self.scale *= float(np.exp(e.gain * (rate - e.wanted_rate)))
+            self.scale = float(np.clip(self.scale, low, high))
+        elif is_ready:
+            self.scale = float(np.clip(e.after_success, low, high))
+        else:
+            self.scale = min(self.scale * e.growth, e.largest)
+
+    def is_due(self, n_rollouts: int) -> bool:
+        """Tell whether enough has been rolled out since to learn anew.
+
+        :param n_rollouts: so far
+        """
+        return n_rollouts >= (1.0 + self.exploration.patience) * self.learned_from

@@ -1,0 +1,227 @@
+"""RC-NMP's skill over contexts: what the wanted reward makes of what was right elsewhere.
+
+Two ensembles are trained on the rollouts of all contexts: the *prior* ``p(w | c)``, a regression
+from contexts to the weights of what was right, and the *reward model* ``p(r | c, w)``, from all
+rollouts, failures too. The answer is the mode of the reward-conditioned skill (thesis 6.1 asks for
+trajectories given a reward; here by Bayes' rule)::
+
+    p(w | c, r*) ~ p(w | c) p(r* | c, w)
+
+found by gradient ascent from the prior's mean. r* is the mean reward of the successes, so the
+answer keeps a margin, which the best rollouts lack. Shape letters: N contexts, M perturbations, E
+members of an ensemble, C context, P weights.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch as th
+from numpy.typing import NDArray
+from torch import nn
+
+from sb3_nmp.common.contextual import Experience
+from sb3_nmp.common.settings import settings_name
+from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining
+from sb3_nmp.models.skill_space import N_MOMENTS, SkillSpace
+
+FloatArray = NDArray[np.float64]
+BETAS = (0.7, 0.95)  # of Adam in the ascent, which has but a few steps
+
+
+@settings_name("rcnmp-skill")
+@dataclass(frozen=True)
+class RCNMPSkill:
+    """RC-NMP over contexts; chosen on bottles at random and on push, seeds from 1000 on.
+
+    :param n_bases: smooth bases of a trajectory, per dimension
+    :param reward_conditioning: whether the reward conditions the answer; without, it is the prior's
+    :param n_members: of the prior and of the reward model
+    :param arch: their hidden layers
+    :param prior_steps: least and most steps of the prior's training; 0.3 per rollout in between
+    :param reward_steps: the same of the reward model's; 0.6 per rollout
+    :param width: standard deviation of p(w | c) around its mean, in units of the exploration
+    :param robustness: standard deviation of the perturbations under which the reward is predicted,
+        in the same units; they keep the ascent off narrow peaks of the model
+    :param n_perturbations: M, even
+    :param ascent_steps: of Adam
+    :param ascent_rate: its learning rate
+    :param floor: standard deviation by which the reward model is uncertain at least
+    """
+
+    n_bases: int = 12
+    reward_conditioning: bool = True
+    n_members: int = 8
+    arch: tuple[int, ...] = (64, 64)
+    prior_steps: tuple[int, int] = (30, 150)
+    reward_steps: tuple[int, int] = (60, 300)
+    width: float = 1.0
+    robustness: float = 0.4
+    n_perturbations: int = 8
+    ascent_steps: int = 30
+    ascent_rate: float = 0.05
+    floor: float = 0.1
+
+
+class Standardised(nn.Module):
+    """Mean and standard deviation of data, kept with a network.
+
+    :param size: of a row
+    """
+
+    mean: th.Tensor
+    std: th.Tensor
+
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", th.zeros(size))
+        self.register_buffer("std", th.ones(size))
+
+    def take(self, rows: th.Tensor, groups: int | None = None) -> None:
+        """Take over the mean and the standard deviation of rows.
+
+        :param rows: shape (N, size)
+        :param groups: entries that are so many apart share a standard deviation; by default none
+        """
+        self.mean.copy_(rows.mean(dim=0))
+        square = ((rows - self.mean) ** 2).mean(dim=0)
+        if groups is not None:
+            square = square.unflatten(0, (-1, groups)).mean(dim=0).repeat(len(square) // groups)
+        self.std.copy_(square.sqrt().clamp(min=1e-6))
+
+    def forward(self, rows: th.Tensor) -> th.Tensor:
+        """Return rows with mean 0 and standard deviation 1.
+
+        :param rows: shape (..., size)
+        """
+        return (rows - self.mean) / self.std
+
+
+class RewardConditionedSkill(nn.Module):
+    """Answers contexts by the reward-conditioned skill.
+
+    :param space: of the trajectories' weights
+    :param context_dim: C
+    :param settings: of both models and of the ascent
+    """
+
+    middle: th.Tensor
+    target_reward: th.Tensor
+    residual: th.Tensor
+
+    def __init__(self, space: SkillSpace, context_dim: int, settings: RCNMPSkill) -> None:
+        super().__init__()
+        self.settings = settings
+        n_moments = N_MOMENTS * space.n_dimensions
+        self.sizes = {
+            "prior": [context_dim, *settings.arch, space.n_weights],
+            "reward": [context_dim + n_moments, *settings.arch, 1],
+        }
+        self.contexts, self.moments = Standardised(context_dim), Standardised(n_moments)
+        self.rewards = Standardised(1)
+        self.register_buffer("middle", th.zeros(space.n_weights))
+        self.register_buffer("target_reward", th.zeros(()))
+        self.register_buffer("residual", th.zeros(()))
+        self._renew(th.Generator().manual_seed(0))
+
+    def _renew(self, generator: th.Generator) -> None:
+        """Begin with new networks: trained from scratch, they forget what misled them."""
+        n_members = self.settings.n_members
+        self.prior = Ensemble(self.sizes["prior"], n_members, generator)
+        self.reward = Ensemble(self.sizes["reward"], n_members, generator)
+
+    def learn(self, space: SkillSpace, known: Experience, generator: th.Generator) -> None:
+        """Train both models.
+
+        :param space: of the trajectories' weights
+        :param known: all rollouts so far, at least one of them right
+        :param generator: of weights and batches
+        """
+        self._renew(generator)
+        contexts = th.as_tensor(known.contexts, dtype=th.float32)
+        weights = th.as_tensor(known.weights, dtype=th.float32)
+        self.contexts.take(contexts)
+        right = th.as_tensor(known.right)
+        self.middle.copy_(weights[right].mean(dim=0))
+        self.prior.fit(
+            self.contexts(contexts[right]),
+            (weights[right] - self.middle) / space.scale,
+            _clipped(0.3 * len(weights), self.settings.prior_steps),
+            EnsembleTraining(),
+            generator,
+        )
+        self._learn_rewards(space, contexts, weights, known, generator)
+
+    def _learn_rewards(
+        self,
+        space: SkillSpace,
+        contexts: th.Tensor,
+        weights: th.Tensor,
+        known: Experience,
+        generator: th.Generator,
+    ) -> None:
+        rewards = th.as_tensor(known.rewards, dtype=th.float32)[:, None]
+        moments = space.moments(weights)
+        self.moments.take(moments, groups=space.n_dimensions)
+        self.rewards.take(rewards)
+        self.target_reward.copy_(self.rewards(rewards[known.successes].mean(dim=0))[0])
+        inputs = th.cat([self.contexts(contexts), self.moments(moments)], dim=1)
+        self.reward.fit(
+            inputs,
+            self.rewards(rewards),
+            _clipped(0.6 * len(weights), self.settings.reward_steps),
+            EnsembleTraining(weight_decay=0.1),
+            generator,
+        )
+        errors = self.reward(inputs).mean(dim=0) - self.rewards(rewards)
+        self.residual.copy_((errors**2).mean())
+
+    def prior_mean(self, space: SkillSpace, contexts: th.Tensor) -> th.Tensor:
+        """Return the mean of p(w | c), shape (N, P).
+
+        :param space: of the trajectories' weights
+        :param contexts: shape (N, C)
+        """
+        return self.middle + space.scale * self.prior(self.contexts(contexts)).mean(dim=0)
+
+    def answer(self, space: SkillSpace, contexts: th.Tensor) -> th.Tensor:
+        """Return the mode of p(w | c, r*), shape (N, P).
+
+        :param space: of the trajectories' weights
+        :param contexts: shape (N, C)
+        """
+        s, start = self.settings, self.prior_mean(space, contexts)
+        if not s.reward_conditioning:
+            return start
+        drawn = th.randn(
+            s.n_perturbations // 2, 1, start.shape[1], generator=th.Generator().manual_seed(0)
+        )
+        perturbations = s.robustness * th.cat([drawn, -drawn])
+        seen = self.contexts(contexts).repeat(len(perturbations), 1)
+        with th.enable_grad():
+            step = th.zeros_like(start, requires_grad=True)
+            ascent = th.optim.Adam([step], s.ascent_rate, betas=BETAS)
+            for _ in range(s.ascent_steps):
+                tried = start + space.scale * (step + perturbations)
+                unlikely = self._surprise(space, seen, tried.flatten(0, 1))
+                loss = unlikely.unflatten(0, (len(perturbations), -1)).mean(dim=0).sum()
+                loss = loss + 0.5 * (step**2).sum() / s.width**2
+                ascent.zero_grad()
+                loss.backward()
+                ascent.step()
+        return start + space.scale * step.detach()
+
+    def _surprise(self, space: SkillSpace, contexts: th.Tensor, weights: th.Tensor) -> th.Tensor:
+        """Return -log p(r* | c, w) up to a constant, shape (rows,).
+
+        :param contexts: standardised, shape (rows, C)
+        :param weights: shape (rows, P)
+        """
+        inputs = th.cat([contexts, self.moments(space.moments(weights))], dim=1)
+        predicted = self.reward(inputs)[..., 0]
+        mean, variance = predicted.mean(dim=0), predicted.var(dim=0, correction=0)
+        variance = variance + self.residual + self.settings.floor**2
+        return 0.5 * ((self.target_reward - mean) ** 2 / variance + variance.log())
+
+
+def _clipped(steps: float, limits: tuple[int, int]) -> int:
+    return int(np.clip(steps, *limits))
