@@ -72,6 +72,9 @@ class Task(ABC):
     #: name and reward of the best solution that is known, where one is
     optimum: tuple[str, float] | None = None
 
+    #: whether it can say in which context a rollout would have been right
+    tells_achievement: ClassVar[bool] = False
+
     context_space: spaces.Box
     trajectory_space: spaces.Box
     #: from one time point to the next, in s

@@ -130,6 +130,11 @@ class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
         return self.task.sample_context(rng)
 
     @property
+    def tells_achievement(self) -> bool:
+        """Whether ``info`` may hold ``achieved_context``; see `Task.tells_achievement`."""
+        return self.task.tells_achievement
+
+    @property
     def exploration_scale(self) -> FloatArray:
         """Standard deviation at which a search may begin, by dimension, shape (D,)."""
         return np.array(self.task.exploration_scale)

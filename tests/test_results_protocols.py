@@ -183,7 +183,14 @@ def test_evaluations_are_dense_at_first_and_within_the_run():
         assert (schedule(budget, n_contexts)[0] < budget + 1).all()
 
 
-@pytest.mark.parametrize("name", ["n_demonstrations", "n_contexts", "n_test"])
-def test_a_stream_needs_something_of_each(name: str):
-    with pytest.raises(BenchmarkError, match=f"{name} is 0"):
-        Stream(**{name: 0})
+@pytest.mark.parametrize(
+    ("name", "value"), [("n_demonstrations", -1), ("n_contexts", 0), ("n_test", 0)]
+)
+def test_a_stream_needs_something_of_each(name: str, value: int):
+    with pytest.raises(BenchmarkError, match=f"{name} is {value}; a stream needs at least"):
+        Stream(**{name: value})
+
+
+def test_a_stream_may_show_nothing():
+    prepared = Stream(0, 12, 30).prepare(place())
+    assert prepared.demonstrations is None

@@ -35,7 +35,7 @@ class GAPolicy(ElitePolicy):
         action_space: spaces.Box,
         lr_schedule: Schedule,
         regression: Regression = "nearest",
-        n_bases: int = 12,
+        n_bases: int = 8,
     ) -> None:
         super().__init__(observation_space, action_space)
         self.settings: dict[str, Any] = {"regression": regression, "n_bases": n_bases}

@@ -44,7 +44,7 @@ class RegressionSkill(nn.Module):
         context_dim: int,
         trajectory_shape: tuple[int, int],
         regression: Regression = "nearest",
-        n_bases: int = 12,
+        n_bases: int = 8,
     ) -> None:
         super().__init__()
         if regression not in get_args(Regression):

@@ -110,6 +110,7 @@ class PouringTask(MujocoTask):
 
     context_names: ClassVar[tuple[str, ...]] = ("initial amount [g]", "amount to pour [g]")
     trajectory_names: ClassVar[tuple[str, ...]] = ("wrist angle [rad]",)
+    tells_achievement: ClassVar[bool] = True
     exploration_scale: ClassVar[tuple[float, ...]] = (0.1,)
     reward_terms: Mapping[str, str] = {
         "short": "minus what was poured too little [g]",

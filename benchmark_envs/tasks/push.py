@@ -111,6 +111,7 @@ class PushTask(MujocoTask):
         "joint 2 [rad]",
         "joint 3 [rad]",
     )
+    tells_achievement: ClassVar[bool] = True
     exploration_scale: ClassVar[tuple[float, ...]] = (0.1, 0.1, 0.1)
     frame_every: ClassVar[float] = 4
     #: numbered targets, shape (10, 2) in m, for `leave_one_out`

@@ -24,10 +24,11 @@ TEST_CONTEXTS = (0, 2)  # the same for all runs, whatever their seed
 class Stream(Protocol):
     """Learn a policy for all contexts from a stream of new ones (thesis 5.2.2).
 
-    :param n_demonstrations: contexts that are shown solved beforehand, drawn by the run's seed
+    :param n_demonstrations: contexts that are shown solved beforehand, drawn by the run's seed; 0
+        shows nothing
     :param n_contexts: distinct contexts that the run may try; it ends where it asks for more
     :param n_test: held-out contexts on which the greedy policy is tried, the same for all runs
-    :raises BenchmarkError: a number below 1
+    :raises BenchmarkError: a number that is too small
     """
 
     n_demonstrations: int = 30
@@ -39,8 +40,9 @@ class Stream(Protocol):
     def __post_init__(self) -> None:
         """Check the numbers."""
         for name, value in self.settings.items():
-            if value < 1:
-                raise BenchmarkError(f"{name} is {value}; a stream needs at least 1.")
+            least = 0 if name == "n_demonstrations" else 1
+            if value < least:
+                raise BenchmarkError(f"{name} is {value}; a stream needs at least {least}.")
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -57,17 +59,26 @@ class Stream(Protocol):
         :param run: its task, seed and budget
         :param on_rollouts: told the number of rollouts so far
         """
-        drawn_by = np.random.default_rng([run.seed, DEMONSTRATION_CONTEXTS])
-        shown = Demonstrations.from_task(run.task, self.n_demonstrations, drawn_by)
+        shown = self.demonstrations(run)
         evaluation = StreamEvaluation(
             run.task,
             self.test_contexts(run.task),
             self.n_contexts,
             run.budget,
             on_rollouts,
-            from_start=run.pretrained,
+            from_start=run.pretrained and shown is not None,
         )
         return PreparedRun(run.environments(), evaluation, run.task_record, shown)
+
+    def demonstrations(self, run: RunTask) -> Demonstrations | None:
+        """Return what is shown beforehand; None where nothing is.
+
+        :param run: its task and seed
+        """
+        if self.n_demonstrations == 0:
+            return None
+        drawn_by = np.random.default_rng([run.seed, DEMONSTRATION_CONTEXTS])
+        return Demonstrations.from_task(run.task, self.n_demonstrations, drawn_by)
 
     def test_contexts(self, task: Task) -> FloatArray:
         """Return the held-out contexts, shape (n_test, C).

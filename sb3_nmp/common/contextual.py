@@ -108,24 +108,25 @@ class Skill(Protocol):
 class ContextualExploration:
     """How far rollouts in new contexts explore around the answer, in units of the first scale.
 
+    :param largest: scale, as long as nothing was right: half of the rollouts explore at scales
+        between 1 and this, evenly on a logarithmic scale, the others at 1
     :param after_success: scale once there is an example to follow
+    :param after_achievement: scale once there is an answer from what was achieved
     :param wanted_rate: share of successes at which the scale stays; more let it grow
     :param gain: of the scale's logarithm on the difference from that share
     :param limits: of the scale, where success alone tells what is right
     :param limits_achieved: of the scale, where rollouts tell what they achieved
-    :param growth: factor on the scale after a generation, as long as nothing was right
-    :param largest: of the scale meanwhile
     :param least_achieved: rollouts that achieved something before there is an answer
     :param patience: the skill is learned anew when the rollouts have grown by this share
     """
 
+    largest: float = 5.0
     after_success: float = 0.4
+    after_achievement: float = 1.25
     wanted_rate: float = 0.3
     gain: float = 0.5
     limits: tuple[float, float] = (0.03, 1.0)
     limits_achieved: tuple[float, float] = (0.6, 2.5)
-    growth: float = 1.2
-    largest: float = 5.0
     least_achieved: int = 10
     patience: float = 0.05
 
@@ -146,6 +147,18 @@ class ContextualSearch:
     example: int | None = None
     since: int = 0
     learned_from: int = 0
+
+    def scales(self, rng: np.random.Generator, n: int, is_ready: bool) -> FloatArray:
+        """Return how far each rollout of a generation explores, shape (n,).
+
+        :param rng: the generator to draw from
+        :param n: how many
+        :param is_ready: whether there is an answer to explore around
+        """
+        if is_ready:
+            return np.full(n, self.scale)
+        wide = np.exp(rng.uniform(0.0, np.log(self.exploration.largest), n))
+        return np.where(np.arange(n) % 2, wide, 1.0)
 
     def take(
         self, rewards: FloatArray, successes: NDArray[np.bool_], n_before: int, was_ready: bool
@@ -175,9 +188,7 @@ class ContextualSearch:
             self.scale *= float(np.exp(e.gain * (rate - e.wanted_rate)))
             self.scale = float(np.clip(self.scale, low, high))
         elif is_ready:
-            self.scale = float(np.clip(e.after_success, low, high))
-        else:
-            self.scale = min(self.scale * e.growth, e.largest)
+            self.scale = e.after_achievement if by_achievement else e.after_success
 
     def is_due(self, n_rollouts: int) -> bool:
         """Tell whether enough has been rolled out since to learn anew.

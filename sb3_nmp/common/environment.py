@@ -6,7 +6,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
-from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.exceptions import ConfigurationError, InvalidDataError
 
 FloatArray = NDArray[np.float64]
 #: a standard deviation in the trajectory's unit: one value, or one per dimension
@@ -106,6 +106,41 @@ def initial_trajectories(env: VecEnv, space: spaces.Box) -> FloatArray:
         return np.asarray(env.env_method("initial_trajectory"), np.float64)
     except AttributeError:
         return np.repeat(initial_trajectory(env, space)[None], env.num_envs, axis=0)
+
+
+def check_tells_achievement(env: VecEnv) -> None:
+    """Raise unless an environment says that rollouts tell what they achieved.
+
+    :param env: read by its attribute ``tells_achievement``
+    :raises ConfigurationError: it says so of none
+    """
+    try:
+        tells = bool(env.get_attr("tells_achievement", indices=[0])[0])
+    except AttributeError:
+        tells = False
+    if not tells:
+        raise ConfigurationError(
+            "relabel is True, but this environment does not tell what a rollout achieved: its "
+            "attribute tells_achievement must be True and its info hold 'achieved_context'. Give "
+            "relabel=None, or False."
+        )
+
+
+def check_achieved(achieved: FloatArray, space: spaces.Box) -> None:
+    """Raise where an achieved context lies outside the space of contexts.
+
+    :param achieved: NaN where nothing was achieved, shape (N, C)
+    :param space: of the contexts
+    :raises InvalidDataError: one does
+    """
+    told = achieved[np.isfinite(achieved).all(axis=1)]
+    outside = (told < space.low - 1e-5) | (told > space.high + 1e-5)
+    if outside.any():
+        row = told[outside.any(axis=1)][0]
+        raise InvalidDataError(
+            f"info['achieved_context'] is {row.round(6).tolist()}; it must lie within the space of "
+            f"contexts, {space.low.tolist()} to {space.high.tolist()}, or be left out."
+        )
 
 
 def exploration_scale(env: VecEnv, space: spaces.Box) -> FloatArray:

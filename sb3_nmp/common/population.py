@@ -36,7 +36,7 @@ class PopulationArguments(SharedArguments, total=False):
     buffer_size: int | None
     n_elites: int
     contextual: ContextualExploration
-    relabel: bool
+    relabel: bool | None
 
 
 class PopulationSearch(BufferedAlgorithm):
@@ -68,8 +68,9 @@ class PopulationSearch(BufferedAlgorithm):
     :param buffer_size: rollouts kept; None keeps all
     :param n_elites: best rollouts that a full buffer never drops
     :param contextual: how far rollouts explore where contexts vary
-    :param relabel: whether a rollout counts for the context that it achieved, where contexts vary
-        and the environment tells one; otherwise for its own context alone
+    :param relabel: whether a rollout counts for the context that it achieved, where contexts vary:
+        None does so where the environment tells one, True asks for an environment that does, False
+        counts a rollout for its own context alone
     """
 
     def __init__(
@@ -89,7 +90,7 @@ class PopulationSearch(BufferedAlgorithm):
         buffer_size: int | None = None,
         n_elites: int = 1,
         contextual: ContextualExploration = ContextualExploration(),  # noqa: B008 (frozen)
-        relabel: bool = True,
+        relabel: bool | None = None,
         **shared: Unpack[SharedArguments],
     ) -> None:
         self.contextual, self.relabel = contextual, relabel
@@ -162,8 +163,9 @@ class PopulationSearch(BufferedAlgorithm):
         if self._varies is None:
             self._look_at_contexts()
         if self._search is not None:
-            n_weights = self._skill.space.n_weights
-            self._noise = self.rng.standard_normal((self.population_size, n_weights))
+            skill, n = self._skill, self.population_size
+            scales = self._search.scales(self.rng, n, skill.is_ready)
+            self._noise = scales[:, None] * self.rng.standard_normal((n, skill.space.n_weights))
             return
         self._noise = self._draw_noise()
         if len(self.replay_buffer) == 0:
@@ -212,6 +214,9 @@ class PopulationSearch(BufferedAlgorithm):
         )
 
     def _end_generation(self, generation: Generation) -> None:
+        if generation.achieved is not None:
+            space = cast(spaces.Box, self.observation_space)
+            environment.check_achieved(generation.achieved, space)
         self.replay_buffer.add(
             generation.contexts,
             generation.trajectories,
@@ -250,6 +255,8 @@ class PopulationSearch(BufferedAlgorithm):
         self._last_obs = drawn[-1]
         self._varies = bool(np.any(np.ptp(np.concatenate(drawn), axis=0) > SAME_CONTEXT))
         if self._varies:
+            if self.relabel:
+                environment.check_tells_achievement(env)
             self._search = ContextualSearch(self.contextual)
             self.replay_buffer.capacity = None
             self._begin_skill(env)
@@ -267,9 +274,8 @@ class PopulationSearch(BufferedAlgorithm):
 
     def _explore(self, members: slice, contexts: NDArray[np.float32]) -> NDArray[np.floating]:
         """Return the answers to contexts with noise, shape (n, T, D)."""
-        search, skill = cast(ContextualSearch, self._search), self._skill
-        noise = cast(NDArray[np.float64], self._noise)[members]
-        weights = search.scale * skill.space.scale.cpu().numpy() * noise
+        skill, noise = self._skill, cast(NDArray[np.float64], self._noise)[members]
+        weights = skill.space.scale.cpu().numpy() * noise
         if skill.is_ready:
             weights = weights + skill.answer(contexts)
         return skill.space.trajectories(contexts, weights)
@@ -279,7 +285,7 @@ class PopulationSearch(BufferedAlgorithm):
         buffer, skill, was_ready = self.replay_buffer, self._skill, self._skill.is_ready
         n_before = len(buffer) - len(generation)
         search.take(generation.rewards, generation.successes, n_before, was_ready)
-        achieved = buffer.achieved if self.relabel else None
+        achieved = None if self.relabel is False else buffer.achieved
         told = 0 if achieved is None else int(np.isfinite(achieved).all(axis=1).sum())
         enough = told >= search.exploration.least_achieved or (
             told == 0 and search.example is not None

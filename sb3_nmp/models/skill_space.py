@@ -36,7 +36,7 @@ class SkillSpace(nn.Module):
     scale: th.Tensor
 
     def __init__(
-        self, context_dim: int, trajectory_shape: tuple[int, int], n_bases: int = 12
+        self, context_dim: int, trajectory_shape: tuple[int, int], n_bases: int = 8
     ) -> None:
         super().__init__()
         n_time_points, self.n_dimensions = trajectory_shape

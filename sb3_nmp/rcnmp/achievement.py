@@ -92,7 +92,7 @@ class AchievementConditionedSkill(nn.Module):
         )
         n_new = len(achieved) - len(self.achieved)
         if len(self.achieved) == 0:
-            self.contexts.take(achieved)
+            self.contexts.take(contexts)
             self.moments.take(space.moments(weights), groups=space.n_dimensions)
         self.goals.copy_((contexts != achieved).any(dim=0))
         self.achieved, self.weights = self.contexts(achieved), weights

@@ -48,7 +48,7 @@ class RCNMPSkill:
     :param floor: standard deviation by which the reward model is uncertain at least
     """
 
-    n_bases: int = 12
+    n_bases: int = 8
     reward_conditioning: bool = True
     n_members: int = 8
     arch: tuple[int, ...] = (64, 64)
@@ -163,7 +163,8 @@ class RewardConditionedSkill(nn.Module):
         moments = space.moments(weights)
         self.moments.take(moments, groups=space.n_dimensions)
         self.rewards.take(rewards)
-        self.target_reward.copy_(self.rewards(rewards[known.successes].mean(dim=0))[0])
+        succeeded = th.as_tensor(known.successes)
+        self.target_reward.copy_(self.rewards(rewards[succeeded].mean(dim=0))[0])
         inputs = th.cat([self.contexts(contexts), self.moments(moments)], dim=1)
         self.reward.fit(
             inputs,

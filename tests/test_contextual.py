@@ -1,0 +1,249 @@
+"""Learning over varying contexts: RC-NMP's skill, its twins, and what a rollout achieved."""
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch as th
+from gymnasium import spaces
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import VecEnv
+
+from baselines import GA
+from benchmark_envs import TrajectoryVecEnv, make_task
+from sb3_nmp import RCNMP, ConfigurationError, InvalidDataError
+from sb3_nmp.common.contextual import ContextualExploration, ContextualSearch, Experience
+from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining
+from sb3_nmp.models.skill_space import SkillSpace
+from sb3_nmp.rcnmp.skill import RCNMPSkill
+
+N_UNSEEN = 60
+
+
+class Reaching(gym.Env[Any, Any]):
+    """The end of a path is to lie at a drawn target, which it seldom does by chance."""
+
+    observation_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
+    action_space = spaces.Box(-3.0, 3.0, (12, 2), np.float32)
+    exploration_scale = np.array([0.3, 0.3])
+
+    def __init__(self, tells: bool = True, where: np.ndarray | None = None) -> None:
+        self.tells_achievement, self.where = tells, where
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed)
+        self.target = self.np_random.uniform(-1.0, 1.0, 2).astype(np.float32)
+        return self.target, {}
+
+    def initial_trajectory(self) -> np.ndarray:
+        return np.zeros((12, 2))
+
+    def step(self, action: Any) -> Any:
+        end = self.bend(action[-1])
+        miss = float(np.linalg.norm(end - self.target))
+        info: dict[str, Any] = {"is_success": miss < 0.05}
+        if self.tells_achievement and (np.abs(end) <= 1.0).all():
+            info["achieved_context"] = end if self.where is None else self.where
+        return self.target, -miss, True, False, info
+
+    @staticmethod
+    def bend(end: np.ndarray) -> np.ndarray:
+        return end + 0.2 * np.sin(2.0 * end[::-1])
+
+
+def many() -> VecEnv:
+    return make_vec_env(Reaching, n_envs=10)
+
+
+def solved_of(model: Any, task: Any) -> float:
+    contexts = np.stack(
+        [task.sample_context(np.random.default_rng([7, i])) for i in range(N_UNSEEN)]
+    )
+    answers, _ = model.predict(contexts.astype(np.float32), deterministic=True)
+    return float(task.simulate(contexts, answers).successes.mean())
+
+
+def reaching_misses(model: Any) -> np.ndarray:
+    targets = np.random.default_rng(5).uniform(-0.9, 0.9, (200, 2)).astype(np.float32)
+    answers, _ = model.predict(targets, deterministic=True)
+    return np.linalg.norm([Reaching.bend(a[-1]) for a in answers] - targets, axis=1)
+
+
+@pytest.fixture(scope="module")
+def bottles() -> tuple[Any, Any]:
+    """RC-NMP after 160 rollouts of bottles at random, and the task."""
+    env = make_vec_env(
+        "nmp/Bottles-v0", n_envs=20, vec_env_cls=TrajectoryVecEnv,
+        env_kwargs={"random_bottles": True, "n_threads": 1},
+    )  # fmt: skip
+    model = RCNMP("MlpPolicy", env, seed=1000).learn(160)
+    return model, make_task("nmp/Bottles-v0", random_bottles=True, n_threads=1)
+
+
+# -- learning ----------------------------------------------------------------------------------
+
+
+def test_rcnmp_learns_a_skill_over_contexts_from_nothing(bottles: tuple[Any, Any]) -> None:
+    assert solved_of(*bottles) >= 0.95
+
+
+def test_the_reward_that_is_asked_for_matters(bottles: tuple[Any, Any]) -> None:
+    """Asked for the worst reward instead of the wanted one, it knocks bottles over."""
+    model, task = bottles
+    skill = model.policy.skill.by_reward
+    wanted, worst = skill.target_reward.clone(), (skill.rewards(th.tensor([-8.0])))[0]
+    skill.target_reward.copy_(worst)
+    try:
+        assert solved_of(model, task) <= 0.6
+    finally:
+        skill.target_reward.copy_(wanted)
+    assert wanted > 0.3, "the wanted reward is above the average, in standard deviations"
+
+
+def test_the_reward_model_learns_from_failures(bottles: tuple[Any, Any]) -> None:
+    """It tells solved contexts' answers from the straight line, which knocks bottles over."""
+    model, task = bottles
+    skill = model.policy.skill
+    contexts = np.stack([task.sample_context(np.random.default_rng([8, i])) for i in range(20)])
+    rows = skill.by_reward.contexts(th.as_tensor(contexts, dtype=th.float32))
+    answers = th.as_tensor(skill.answer(contexts), dtype=th.float32)
+    good = skill.by_reward._surprise(skill.space, rows, answers)
+    bad = skill.by_reward._surprise(skill.space, rows, th.zeros_like(answers))
+    assert (good < bad).float().mean() >= 0.9
+
+
+def test_what_was_achieved_teaches_without_any_reward() -> None:
+    """Relabelled, the rollouts teach what the few successes do not."""
+    taught = RCNMP("MlpPolicy", many(), seed=0).learn(300)
+    untaught = RCNMP("MlpPolicy", many(), seed=0, relabel=False).learn(300)
+    assert np.median(reaching_misses(taught)) < 0.02
+    assert np.median(reaching_misses(taught)) < 0.5 * np.median(reaching_misses(untaught))
+
+
+@pytest.mark.parametrize("regression", ["nearest", "ridge", "gaussian-process"])
+def test_the_twins_learn_too(regression: str) -> None:
+    model = GA("MlpPolicy", many(), seed=0, policy_kwargs={"regression": regression})
+    model.learn(300)
+    assert np.median(reaching_misses(model)) < 0.2
+
+
+def test_an_environment_with_one_context_is_searched_as_before() -> None:
+    model = RCNMP("MlpPolicy", "nmp/Bottles-v0", seed=0).learn(20)
+    assert model._search is None and not model.policy.skill.is_ready
+
+
+# -- what a search remembers -------------------------------------------------------------------
+
+
+def experience(successes: list[bool], example: int | None, since: int) -> Experience:
+    n = len(successes)
+    return Experience(
+        np.zeros((n, 1)), np.zeros((n, 2)), np.zeros(n), np.array(successes), None, example, since
+    )
+
+
+def test_one_example_counts_of_the_first_successes() -> None:
+    """Others may go a different way round; the mean of two ways goes none."""
+    search = ContextualSearch(ContextualExploration())
+    search.take(np.array([-3.0, -1.0, -2.0, -9.0]), np.array([1, 1, 0, 0], bool), 10, False)
+    assert (search.example, search.since) == (11, 14)
+    known = experience([True, True, True, False], example=1, since=3)
+    assert known.right.tolist() == [1]
+    assert experience([True, True, True, True], example=1, since=2).right.tolist() == [1, 2, 3]
+
+
+def test_the_noise_grows_with_successes_and_shrinks_without() -> None:
+    search = ContextualSearch(ContextualExploration())
+    search.adapt(0.0, was_ready=False, is_ready=True, by_achievement=False)
+    first = search.scale
+    search.adapt(1.0, True, True, False)
+    assert search.scale > first
+    for _ in range(30):
+        search.adapt(0.0, True, True, False)
+    assert search.scale == search.exploration.limits[0]
+    drawn = search.scales(np.random.default_rng(0), 100, is_ready=False)
+    assert (drawn[::2] == 1.0).all() and drawn.max() > 3.0
+
+
+# -- parts -------------------------------------------------------------------------------------
+
+
+def test_a_trajectory_is_found_again_from_its_weights() -> None:
+    space, rng = SkillSpace(1, (50, 2), 6), np.random.default_rng(0)
+    contexts = rng.uniform(size=(4, 1))
+    ends = np.concatenate([contexts, 1.0 - contexts], axis=1)
+    lines = np.linspace(0.0, 1.0, 50)[:, None] * ends[:, None]
+    space.begin(contexts, lines, (0.1, 0.1))
+    np.testing.assert_allclose(space.start_from(contexts), lines, atol=1e-9)
+    weights = rng.normal(size=(4, space.n_weights))
+    paths = space.trajectories(contexts, weights)
+    np.testing.assert_allclose(paths[:, [0, -1]], lines[:, [0, -1]], atol=1e-9)
+    found = space.trajectories(contexts, space.weights(contexts, paths))
+    np.testing.assert_allclose(found, paths, atol=0.01)
+
+
+def test_an_end_is_free_where_the_initial_trajectory_rests() -> None:
+    space = SkillSpace(1, (50, 1), 6)
+    space.begin(np.zeros((2, 1)), np.zeros((2, 50, 1)), (0.1,))
+    assert space.trajectories(np.zeros((1, 1)), np.ones((1, 6)))[0, -1, 0] > 0.5
+
+
+def test_an_ensemble_fits_and_doubts_what_it_has_not_seen() -> None:
+    generator = th.Generator().manual_seed(0)
+    ensemble = Ensemble([1, 32, 32, 1], 5, generator)
+    seen = th.linspace(-1.0, 1.0, 64)[:, None]
+    ensemble.fit(seen, th.sin(3.0 * seen), 400, EnsembleTraining(1e-2), generator)
+    assert float((ensemble(seen).mean(dim=0) - th.sin(3.0 * seen)).abs().max()) < 0.15
+    spread_outside = ensemble(th.tensor([[4.0]])).std(dim=0)
+    assert spread_outside > 5 * ensemble(seen).std(dim=0).mean()
+
+
+# -- saving, and what is refused ---------------------------------------------------------------
+
+
+def test_a_saved_skill_answers_the_same(bottles: tuple[Any, Any], tmp_path: Path) -> None:
+    taught = RCNMP("MlpPolicy", many(), seed=0).learn(60)
+    twin = GA("MlpPolicy", many(), seed=0).learn(60)
+    contexts = np.random.default_rng(1).uniform(-0.9, 0.9, (5, 2)).astype(np.float32)
+    for model, seen in ((bottles[0], None), (taught, contexts), (twin, contexts)):
+        rows = model.get_env().reset() if seen is None else seen
+        model.save(tmp_path / "model")
+        loaded = type(model).load(tmp_path / "model")
+        np.testing.assert_array_equal(
+            model.predict(rows, deterministic=True)[0], loaded.predict(rows, deterministic=True)[0]
+        )
+
+
+def test_a_failed_trajectory_does_not_answer_for_its_context(bottles: tuple[Any, Any]) -> None:
+    model, task = bottles
+    elites, skill = model.policy.elites, model.policy.skill
+    failed = elites.contexts[~elites.solved]
+    assert len(failed) > 5
+    answers, _ = model.predict(failed.numpy(), deterministic=True)
+    expected = skill.space.trajectories(failed.numpy(), skill.answer(failed.numpy()))
+    low, high = model.action_space.low, model.action_space.high
+    np.testing.assert_allclose(answers, np.clip(expected, low, high), atol=1e-5)
+    assert task.simulate(failed.numpy(), answers).successes.mean() >= 0.9
+
+
+def test_what_cannot_be_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match=r"does not tell what.*relabel=None"):
+        RCNMP("MlpPolicy", Reaching(tells=False), relabel=True).learn(20)
+    with pytest.raises(InvalidDataError, match=r"is \[5\.0, 0\.0\]; it must lie within"):
+        RCNMP("MlpPolicy", Reaching(where=np.array([5.0, 0.0]))).learn(20)
+    with pytest.raises(InvalidDataError, match=r"shape \(3,\)"):
+        RCNMP("MlpPolicy", Reaching(where=np.zeros(3))).learn(20)
+    with pytest.raises(ConfigurationError, match="no regression 'magic'; there are nearest"):
+        GA("MlpPolicy", Reaching(), policy_kwargs={"regression": "magic"})
+
+
+def test_without_the_reward_condition_the_answer_is_the_regression() -> None:
+    env = make_vec_env("nmp/Bottles-v0", env_kwargs={"random_bottles": True, "n_threads": 1})
+    settings = {"skill": RCNMPSkill(reward_conditioning=False)}
+    model = RCNMP("MlpPolicy", env, seed=1000, policy_kwargs=settings).learn(60)
+    skill = model.policy.skill
+    contexts = th.as_tensor(np.array(env.reset()))
+    prior = skill.by_reward.prior_mean(skill.space, contexts).numpy()
+    np.testing.assert_allclose(skill.answer(contexts.numpy()), prior, rtol=1e-6)
