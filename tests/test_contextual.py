@@ -92,7 +92,7 @@ def test_rcnmp_learns_a_skill_over_contexts_from_nothing(bottles: tuple[Any, Any
 def test_the_reward_that_is_asked_for_matters(bottles: tuple[Any, Any]) -> None:
     """Asked for the worst reward instead of the wanted one, it knocks bottles over."""
     model, task = bottles
-    skill = model.policy.skill.by_reward
+    skill = model.policy.skill.conditioned
     wanted, worst = skill.target_reward.clone(), (skill.rewards(th.tensor([-8.0])))[0]
     skill.target_reward.copy_(worst)
     try:
@@ -107,10 +107,10 @@ def test_the_reward_model_learns_from_failures(bottles: tuple[Any, Any]) -> None
     model, task = bottles
     skill = model.policy.skill
     contexts = np.stack([task.sample_context(np.random.default_rng([8, i])) for i in range(20)])
-    rows = skill.by_reward.contexts(th.as_tensor(contexts, dtype=th.float32))
+    rows = skill.conditioned.contexts(th.as_tensor(contexts, dtype=th.float32))
     answers = th.as_tensor(skill.answer(contexts), dtype=th.float32)
-    good = skill.by_reward._surprise(skill.space, rows, answers)
-    bad = skill.by_reward._surprise(skill.space, rows, th.zeros_like(answers))
+    good = skill.conditioned._surprise(skill.space, rows, answers)
+    bad = skill.conditioned._surprise(skill.space, rows, th.zeros_like(answers))
     assert (good < bad).float().mean() >= 0.9
 
 
@@ -208,7 +208,7 @@ def test_a_saved_skill_answers_the_same(bottles: tuple[Any, Any], tmp_path: Path
     twin = GA("MlpPolicy", many(), seed=0).learn(60)
     contexts = np.random.default_rng(1).uniform(-0.9, 0.9, (5, 2)).astype(np.float32)
     for model, seen in ((bottles[0], None), (taught, contexts), (twin, contexts)):
-        rows = model.get_env().reset() if seen is None else seen
+        rows: Any = model.env.reset() if seen is None else seen  # pyright: ignore
         model.save(tmp_path / "model")
         loaded = type(model).load(tmp_path / "model")
         np.testing.assert_array_equal(
@@ -243,7 +243,7 @@ def test_without_the_reward_condition_the_answer_is_the_regression() -> None:
     env = make_vec_env("nmp/Bottles-v0", env_kwargs={"random_bottles": True, "n_threads": 1})
     settings = {"skill": RCNMPSkill(reward_conditioning=False)}
     model = RCNMP("MlpPolicy", env, seed=1000, policy_kwargs=settings).learn(60)
-    skill = model.policy.skill
-    contexts = th.as_tensor(np.array(env.reset()))
-    prior = skill.by_reward.prior_mean(skill.space, contexts).numpy()
+    skill: Any = model.policy.skill
+    contexts = th.as_tensor(np.asarray(env.reset()))
+    prior = skill.conditioned.prior_mean(skill.space, contexts).numpy()
     np.testing.assert_allclose(skill.answer(contexts.numpy()), prior, rtol=1e-6)

@@ -1,5 +1,7 @@
 """`ContextualSkill`: RC-NMP's answer to contexts, by reward or by what was achieved."""
 
+from typing import Any, cast
+
 import numpy as np
 import torch as th
 from numpy.typing import NDArray
@@ -10,9 +12,13 @@ from sb3_nmp.models.skill_space import SkillSpace
 from sb3_nmp.rcnmp.achievement import AchievementConditionedSkill, RCNMPAchievement
 from sb3_nmp.rcnmp.skill import RCNMPSkill, RewardConditionedSkill
 
+Conditioned = RewardConditionedSkill | AchievementConditionedSkill
+
 
 class ContextualSkill(nn.Module):
     """Conditioned on what was achieved where rollouts tell it, else on reward.
+
+    Its networks are made when it learns first: a model of one context has none.
 
     :param context_dim: C
     :param trajectory_shape: (T, D)
@@ -20,7 +26,6 @@ class ContextualSkill(nn.Module):
     :param achievement: of that conditioned on what was achieved
     """
 
-    ready: th.Tensor
     by_achievement: th.Tensor
 
     def __init__(
@@ -31,17 +36,27 @@ class ContextualSkill(nn.Module):
         achievement: RCNMPAchievement,
     ) -> None:
         super().__init__()
+        self.context_dim, self.settings = context_dim, (skill, achievement)
         self.space = SkillSpace(context_dim, trajectory_shape, skill.n_bases)
-        self.by_reward = RewardConditionedSkill(self.space, context_dim, skill)
-        self.by_outcome = AchievementConditionedSkill(self.space, context_dim, achievement)
-        self.register_buffer("ready", th.zeros((), dtype=th.bool))
         self.register_buffer("by_achievement", th.zeros((), dtype=th.bool))
-        self.requires_grad_(False)
+        self.conditioned: nn.Module | None = None
 
     @property
     def is_ready(self) -> bool:
         """Whether it has learned anything."""
-        return bool(self.ready)
+        return self.conditioned is not None
+
+    def _make(self, by_achievement: bool) -> Conditioned:
+        """Make the networks of one kind."""
+        self.by_achievement.fill_(by_achievement)
+        skill, achievement = self.settings
+        made = (
+            AchievementConditionedSkill(self.space, self.context_dim, achievement)
+            if by_achievement
+            else RewardConditionedSkill(self.space, self.context_dim, skill)
+        )
+        self.conditioned = made.requires_grad_(False)
+        return made
 
     def learn(self, experience: Experience, generator: th.Generator) -> None:
         """Learn from all rollouts so far.
@@ -49,11 +64,12 @@ class ContextualSkill(nn.Module):
         :param experience: of which something was right
         :param generator: of weights and batches
         """
-        self.by_achievement.fill_(experience.achieved is not None)
-        chosen = self.by_outcome if self.by_achievement else self.by_reward
+        wanted = experience.achieved is not None
+        known = cast(Conditioned | None, self.conditioned)
+        if known is None or bool(self.by_achievement) != wanted:
+            known = self._make(wanted)
         with th.enable_grad():
-            chosen.learn(self.space, experience, generator)
-        self.ready.fill_(True)
+            known.learn(self.space, experience, generator)
 
     @th.no_grad()
     def answer(self, contexts: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -61,6 +77,18 @@ class ContextualSkill(nn.Module):
 
         :param contexts: shape (N, C)
         """
-        rows = th.as_tensor(np.asarray(contexts), dtype=th.float32, device=self.ready.device)
-        chosen = self.by_outcome if self.by_achievement else self.by_reward
-        return chosen.answer(self.space, rows).cpu().numpy().astype(np.float64)
+        device = self.by_achievement.device
+        rows = th.as_tensor(np.asarray(contexts), dtype=th.float32, device=device)
+        known = cast(Conditioned, self.conditioned)
+        return known.answer(self.space, rows).cpu().numpy().astype(np.float64)
+
+    def _load_from_state_dict(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self,
+        state_dict: dict[str, Any],
+        prefix: str,
+        *args: Any,  # noqa: ANN401
+    ) -> None:
+        """Make the networks that were saved, before PyTorch fills them."""
+        if any(key.startswith(f"{prefix}conditioned.") for key in state_dict):
+            self._make(bool(state_dict[f"{prefix}by_achievement"]))
+        super()._load_from_state_dict(state_dict, prefix, *args)
