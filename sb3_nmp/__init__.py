@@ -2,6 +2,7 @@
 
 from sb3_nmp.acnmp import ACNMP, ACNMPAdaptation, ACNMPCritic, ACNMPExploration, ACNMPPolicy
 from sb3_nmp.common.algorithm import TrajectoryAlgorithm
+from sb3_nmp.common.contextual import ContextualExploration
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import (
     ConfigurationError,
@@ -13,7 +14,7 @@ from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.pd_controller import PDController
 from sb3_nmp.models.cnmp import CNMPArchitecture
 from sb3_nmp.models.cnmp_training import CNMPPretraining
-from sb3_nmp.rcnmp import RCNMP, RCNMPPolicy, RCNMPTraining
+from sb3_nmp.rcnmp import RCNMP, RCNMPAchievement, RCNMPPolicy, RCNMPSkill, RCNMPTraining
 
 __all__ = [
     "ACNMP",
@@ -25,11 +26,14 @@ __all__ = [
     "CNMPArchitecture",
     "CNMPPretraining",
     "ConfigurationError",
+    "ContextualExploration",
     "Demonstrations",
     "FileFormatError",
     "InvalidDataError",
     "PDController",
+    "RCNMPAchievement",
     "RCNMPPolicy",
+    "RCNMPSkill",
     "RCNMPTraining",
     "SmoothNoise",
     "TrajectoryAlgorithm",

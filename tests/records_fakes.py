@@ -58,7 +58,7 @@ def failed_run(asked: SpecificationRecord, message: str = "singular") -> RunReco
 
 
 def curve_of(rewards: list[float], successes: list[bool], first: int = 1) -> dict[str, list[Any]]:
-    """A curve with one row a rollout."""
+    """A curve with one row per rollout."""
     best = [max(rewards[: i + 1]) for i in range(len(rewards))]
     return {
         "rollouts": list(range(first, first + len(rewards))),

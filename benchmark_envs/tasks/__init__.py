@@ -1,4 +1,4 @@
-"""One file a task; importing it registers the task."""
+"""One file for each task; importing it registers the task."""
 
 from benchmark_envs.tasks.aperture import ApertureTask
 from benchmark_envs.tasks.bottles import BottlesTask

@@ -72,7 +72,7 @@ def adaptation_curves(
 ) -> Figure:
     """Draw the greedy error against rollouts, a panel for each kind of target.
 
-    :param curves: of one task, one row a step
+    :param curves: of one task, one row per step
     :param labels: the algorithms in the order of the legend
     :param references: published errors of shape (runs, updates), by kind of target
     :param titles: of the panels, by kind
@@ -109,7 +109,7 @@ def adaptation_curves(
 
 
 def error_quartiles(curves: pd.DataFrame) -> pd.DataFrame:
-    """Return the quartiles of the greedy error over runs, one row a count of rollouts.
+    """Return the quartiles of the greedy error over runs, one row per count of rollouts.
 
     A run's error holds until its next row; where a run has no policy yet, it is left out.
 

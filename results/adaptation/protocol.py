@@ -70,6 +70,9 @@ class Adaptation(Protocol):
 class LeaveOneOut(Adaptation):
     """Adapt to one of a task's numbered targets after demonstrations at all others (thesis 5.2.2).
 
+    >>> LeaveOneOut(9, extrapolation=True).kind
+    'extrapolation'
+
     :param target: the number of the target that is held out
     :param extrapolation: whether it lies beyond the others, which tables keep apart
     """
@@ -95,6 +98,10 @@ class LeaveOneOut(Adaptation):
 @dataclass(frozen=True)
 class Extrapolation(Adaptation):
     """Adapt to a context far from a task's set of demonstrations (thesis 5.2.4).
+
+    >>> shown, held_out = Extrapolation(0).split("nmp/PickAndPlace-v0")
+    >>> shown.shape, held_out.shape
+    ((8, 2), (2,))
 
     :param target: the number of the context
     """

@@ -21,7 +21,7 @@ COLUMNS = ("target", "kind", "context", "unit", "published", "greedy_rollouts", 
 
 
 def frame(records: Sequence[RunRecord]) -> pd.DataFrame:
-    """Return one row a run: identity, outcome, rollouts to success and errors.
+    """Return one row per run: identity, outcome, rollouts to success and errors.
 
     ``greedy_rollouts`` counts the rollouts from which on the greedy trajectory succeeds (0 where
     the demonstrations are enough, infinity where it does not in the end), ``best_rollouts`` those

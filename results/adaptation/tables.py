@@ -45,7 +45,7 @@ def tables(runs: pd.DataFrame, labels: Sequence[str] | None = None) -> Page:
 def _table(task: str, kind: str, runs: pd.DataFrame, summary: pd.DataFrame) -> TextTable:
     """Return the table of one kind of context.
 
-    :param runs: one row a run
+    :param runs: one row per run
     :param summary: one row per algorithm
     """
     units = [unit for unit in runs["unit"] if unit]
@@ -73,7 +73,7 @@ def title(kind: str, runs: pd.DataFrame) -> str:
     """Return which contexts are meant.
 
     :param kind: of the contexts
-    :param runs: one row a run
+    :param runs: one row per run
     """
     contexts = sorted({context for context in runs["context"] if context})
     if len(contexts) == 1:

@@ -47,6 +47,21 @@ class SuiteRecord:
 class SpecificationRecord:
     """What was asked for.
 
+    >>> run = SpecificationRecord(
+    ...     "RC-NMP",
+    ...     "",
+    ...     "rcnmp",
+    ...     {},
+    ...     "nmp/Push-v0",
+    ...     {},
+    ...     7,
+    ...     100,
+    ...     False,
+    ...     ProtocolRecord("leave-one-out", number=9),
+    ... )
+    >>> run.stem
+    'rc-nmp_push-v0_target-09_seed-007'
+
     :param label: the algorithm's name in tables and figures
     :param description: of the algorithm, one line
     :param algorithm: its stable name

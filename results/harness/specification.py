@@ -21,6 +21,9 @@ from sb3_nmp.common.settings import stable_name
 class Algorithm:
     """An algorithm as the benchmark knows it; its class is imported only where it runs.
 
+    >>> Algorithm("ga", "baselines:GA", {"population_size": 10}).load().__name__
+    'GA'
+
     :param name: under which records keep it, whatever its class is called
     :param path: of the class, such as ``"baselines:REPS"``
     :param settings: constructor arguments besides policy, environment, seed and demonstrations;

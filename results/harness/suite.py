@@ -14,6 +14,10 @@ from results.harness.specification import Algorithm, RunSpecification
 class Recipe:
     """What a suite is made of; `make_suite` multiplies it out.
 
+    >>> from results.suites import find_recipe
+    >>> list(find_recipe("quick").algorithms)
+    ['RC-NMP', 'GA', 'DREPS', 'REPS']
+
     :param algorithms: by label, in the order of the tables
     :param tasks: task settings by task id
     :param budget: rollouts of a run
@@ -35,6 +39,11 @@ class Recipe:
 @dataclass(frozen=True)
 class Suite:
     """Runs that belong together.
+
+    >>> from results.suites import find_recipe
+    >>> suite = make_suite("quick", find_recipe("quick"), seeds=[7], labels=["ga"])
+    >>> [run.name for run in suite.specifications]
+    ['GA on nmp/Bottles-v0, seed 7']
 
     :param name: also of the folder that holds its runs
     :param specifications: the runs

@@ -41,7 +41,7 @@ def learning_curves(
 ) -> Figure:
     """Draw success and reward of the greedy policies against rollouts.
 
-    :param curves: of one task, one row a step
+    :param curves: of one task, one row per step
     :param labels: the algorithms in the order of the legend
     :param optimum: name and value of the largest reward, where it is known
     """
@@ -77,7 +77,7 @@ def learning_curves(
 
 
 def by_seed(curves: pd.DataFrame, column: str) -> pd.DataFrame:
-    """Return a column with one row a count of rollouts and one column a seed.
+    """Return a column with one row per count of rollouts and one column per seed.
 
     A run that has no row at a count is where its last row left it.
 

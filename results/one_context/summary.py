@@ -27,7 +27,7 @@ COLUMNS = (
 
 
 def frame(records: Sequence[RunRecord]) -> pd.DataFrame:
-    """Return one row a run: identity, outcome, and where its curve ends.
+    """Return one row per run: identity, outcome, and where its curve ends.
 
     For each of `VIEWS`, ``<view>_solved`` tells whether it succeeds at the budget's end,
     ``<view>_rollouts`` after how many rollouts it did for good (infinity if not), and

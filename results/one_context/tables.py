@@ -53,7 +53,7 @@ def tables(runs: pd.DataFrame, labels: Sequence[str] | None = None) -> Page:
 def comparisons(runs: pd.DataFrame, reference: str) -> list[str]:
     """Return a line for each algorithm that the reference is compared with.
 
-    :param runs: one row a run
+    :param runs: one row per run
     :param reference: the label of the algorithm that is compared with the others
     """
     return [

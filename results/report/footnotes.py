@@ -9,7 +9,7 @@ import pandas as pd
 def failures(runs: pd.DataFrame) -> list[str]:
     """Return a line for each reason why runs failed, with their seeds, and their targets.
 
-    :param runs: one row a run
+    :param runs: one row per run
     """
     failed = runs.loc[runs["outcome"] == "failed"].sort_values(["task", "label", "seed"])
     seeds: dict[str, list[str]] = {}
@@ -23,7 +23,7 @@ def failures(runs: pd.DataFrame) -> list[str]:
 def descriptions(runs: pd.DataFrame) -> list[str]:
     """Say in a line what the algorithms are, as far as their records describe them.
 
-    :param runs: one row a run
+    :param runs: one row per run
     """
     pairs = zip(runs["label"], runs["description"], strict=True)
     told = {label: text for label, text in pairs if text}
@@ -33,7 +33,7 @@ def descriptions(runs: pd.DataFrame) -> list[str]:
 def origins(runs: pd.DataFrame) -> list[str]:
     """Tell the commits, and where the algorithms' seeds, targets or budgets differ.
 
-    :param runs: one row a run
+    :param runs: one row per run
     """
     commits = sorted(
         {

@@ -27,7 +27,7 @@ def outcome_row(record: RunRecord) -> dict[str, Any]:
 
 
 def curves_frame(records: Sequence[RunRecord]) -> pd.DataFrame:
-    """Return the curves of the finished runs, one row a step, with label, task, seed and context.
+    """Return the curves of the finished runs, one row per step, with label, task, seed and context.
 
     :param records: of finished and failed runs
     """
@@ -73,7 +73,7 @@ def summarise_by(
     Failed runs are counted in ``failed`` and in nothing else. An algorithm without a finished run
     has a ``reason`` and no numbers.
 
-    :param runs: one row a run
+    :param runs: one row per run
     :param groups: columns that tell tables apart, such as ``task``
     :param labels: the algorithms in the order of the rows; those of ``runs`` by default
     :param numbers: of an algorithm's finished runs in a group

@@ -22,7 +22,7 @@ class Report:
     """What is told about the runs of one protocol; each part is a pure function of records.
 
     :param package: that holds its parts; its module ``figures`` draws
-    :param frame: one row a run, from records of finished and failed runs
+    :param frame: one row per run, from records of finished and failed runs
     :param summarise: the numbers of the tables, from the frame and the algorithms' labels in the
         order of the rows
     :param tables: tables and notes, from the same

@@ -65,7 +65,7 @@ def interquartile_mean_interval(values: ArrayLike, seed: int = 0) -> tuple[float
 def mean_interval(values: ArrayLike, seed: int = 0) -> tuple[NDArray[np.float64], ...]:
     """Return the ends of the 95 % percentile-bootstrap interval of the mean over the first axis.
 
-    :param values: one row a run, shape (N, ...)
+    :param values: one row per run, shape (N, ...)
     :param seed: of the resampling
     :return: low and high of the shape of a row; NaN for a single run
     """

@@ -32,6 +32,12 @@ class Section:
 class TextTable:
     """A table of text; each cell has a main line and one for its spread.
 
+    >>> table = TextTable("Runs", ("who", "solved"), ((("GA", ""), ("3/3", "44–100 %")),))
+    >>> print(table.markdown())
+    | who | solved |
+    |---|--:|
+    | GA | 3/3 44–100 % |
+
     :param title: above it
     :param header: names of the columns
     :param rows: one cell per column; the first column is the rows' names
@@ -124,6 +130,10 @@ def row_cells(label: str, count: str, failed: int) -> tuple[Cell, Cell]:
 @dataclass(frozen=True)
 class Page:
     """Tables, and what is said below them.
+
+    >>> page = Page([TextTable("Runs", ("who",), ((("GA", ""),),))], [Section("Notes", ["None."])])
+    >>> page.markdown().splitlines()[-2:]
+    ['', '- None.']
 
     :param tables: in their order
     :param sections: in their order

@@ -40,7 +40,7 @@ def figures(
 def stream_curves(curves: pd.DataFrame, labels: Sequence[str]) -> Figure:
     """Draw the failure rate in unseen contexts against contexts seen and against rollouts.
 
-    :param curves: of one task, one row an evaluation
+    :param curves: of one task, one row per evaluation
     :param labels: the algorithms in the order of the legend
     """
     figure = Figure(figsize=(11, 5.0), layout="constrained")

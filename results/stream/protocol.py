@@ -24,6 +24,9 @@ TEST_CONTEXTS = (0, 2)  # the same for all runs, whatever their seed
 class Stream(Protocol):
     """Learn a policy for all contexts from a stream of new ones (thesis 5.2.2).
 
+    >>> Stream(n_demonstrations=0, n_test=100).settings["n_contexts"]
+    1000
+
     :param n_demonstrations: contexts that are shown solved beforehand, drawn by the run's seed; 0
         shows nothing
     :param n_contexts: distinct contexts that the run may try; it ends where it asks for more

@@ -26,7 +26,7 @@ MEASURES = (
 
 
 def frame(records: Sequence[RunRecord]) -> pd.DataFrame:
-    """Return one row a run: identity, outcome and `MEASURES`.
+    """Return one row per run: identity, outcome and `MEASURES`.
 
     ``first_failure_rate`` and ``failure_rate`` are the curve's ends (the former is that of the
     demonstrations alone where the algorithm learns from them beforehand), ``mean_reward`` its last,

@@ -108,6 +108,9 @@ class Skill(Protocol):
 class ContextualExploration:
     """How far rollouts in new contexts explore around the answer, in units of the first scale.
 
+    >>> ContextualExploration(wanted_rate=0.5).limits  # contextual=... of RC-NMP takes it
+    (0.03, 1.0)
+
     :param largest: scale, as long as nothing was right: half of the rollouts explore at scales
         between 1 and this, evenly on a logarithmic scale, the others at 1
     :param after_success: scale once there is an example to follow

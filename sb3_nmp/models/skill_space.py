@@ -26,6 +26,13 @@ class SkillSpace(nn.Module):
     begin where they are. They end at 0 too where the initial trajectory moves, because it then
     knows the goal; one that rests knows none.
 
+    >>> space = SkillSpace(context_dim=1, trajectory_shape=(50, 2), n_bases=6)
+    >>> goals = np.array([[0.0], [1.0]])
+    >>> lines = np.linspace(0.0, 1.0, 50)[:, None] * goals[:, None]
+    >>> space.begin(goals, np.repeat(lines, 2, axis=2), scale=(0.1, 0.1))
+    >>> space.trajectories(goals, np.zeros((2, 12)))[:, -1].round(3).tolist()
+    [[0.0, 0.0], [1.0, 1.0]]
+
     :param context_dim: C
     :param trajectory_shape: (T, D)
     :param n_bases: B, evenly spaced over time

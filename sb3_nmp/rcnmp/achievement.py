@@ -28,6 +28,9 @@ from sb3_nmp.rcnmp.skill import BETAS, Standardised
 class RCNMPAchievement:
     """How RC-NMP learns from what was achieved; chosen on push, seeds from 1000 on.
 
+    >>> RCNMPAchievement().n_starts  # policy_kwargs={"achievement": ...} takes it
+    4
+
     :param n_members: of the ensemble
     :param arch: its hidden layers
     :param steps_per_rollout: of its training, which goes on from where it was

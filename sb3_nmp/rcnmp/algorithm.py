@@ -49,6 +49,14 @@ class RCNMP(PopulationSearch):
     stored rollouts; the noise is smoother and, after the first generation, sparse; both crossover
     children are kept with their parents swapped; what is stored has passed the PD controller.
 
+    On an environment that draws contexts it learns a skill for all of them. Each rollout tries the
+    present answer to a new context, with noise. The answer is the mode of
+    ``p(w | c, r*) ~ p(w | c) p(r* | c, w)``: a regression on what was right, conditioned on the
+    reward that successes have by an ensemble that has seen all rollouts (`RCNMPSkill`); where
+    rollouts tell what they achieved, they are demonstrations of that (`RCNMPAchievement`). The
+    operators of Fig. 6.1 have no part in it. How this was chosen stands in
+    results/experiments/rcnmp_contexts.md.
+
     Every element can be switched off: ``n_crossover=0``, ``mutation=None``,
     ``pd_controller=None``, ``reward_conditioning=False``, ``beta=0``, ``temperature=math.inf``
     (draws every stored rollout alike), ``buffer_size=population_size`` with ``n_elites=0`` (keeps

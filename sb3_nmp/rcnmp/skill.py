@@ -33,6 +33,9 @@ BETAS = (0.7, 0.95)  # of Adam in the ascent, which has but a few steps
 class RCNMPSkill:
     """RC-NMP over contexts; chosen on bottles at random and on push, seeds from 1000 on.
 
+    >>> RCNMPSkill(reward_conditioning=False).n_bases  # policy_kwargs={"skill": ...} takes it
+    8
+
     :param n_bases: smooth bases of a trajectory, per dimension
     :param reward_conditioning: whether the reward conditions the answer; without, it is the prior's
     :param n_members: of the prior and of the reward model
