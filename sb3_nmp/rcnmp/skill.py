@@ -58,7 +58,7 @@ class RCNMPSkill:
     prior_steps: tuple[int, int] = (30, 150)
     reward_steps: tuple[int, int] = (60, 300)
     width: float = 1.0
-    robustness: float = 0.4
+    robustness: float = 0.7
     n_perturbations: int = 8
     ascent_steps: int = 30
     ascent_rate: float = 0.05
