@@ -17,6 +17,7 @@ from sb3_nmp import RCNMP, ConfigurationError, InvalidDataError
 from sb3_nmp.common.contextual import ContextualExploration, ContextualSearch, Experience
 from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining
 from sb3_nmp.models.skill_space import SkillSpace
+from sb3_nmp.rcnmp.achievement import AchievementConditionedSkill, RCNMPAchievement
 from sb3_nmp.rcnmp.skill import RCNMPSkill
 
 N_UNSEEN = 60
@@ -247,3 +248,31 @@ def test_without_the_reward_condition_the_answer_is_the_regression() -> None:
     contexts = th.as_tensor(np.asarray(env.reset()))
     prior = skill.conditioned.prior_mean(skill.space, contexts).numpy()
     np.testing.assert_allclose(skill.answer(contexts.numpy()), prior, rtol=1e-6)
+
+
+def test_a_rollout_that_achieved_the_context_is_the_answer() -> None:
+    """The model's error at a known rollout is taken off, even that of a model that knows nothing."""
+    rng = np.random.default_rng(0)
+    space = SkillSpace(2, (20, 2), 4)
+    space.begin(np.zeros((2, 2)), np.zeros((2, 20, 2)), (0.1, 0.1))
+    skill = AchievementConditionedSkill(space, 2, RCNMPAchievement())
+    achieved, weights = rng.uniform(0.2, 1.0, (12, 2)), rng.normal(size=(12, 8))
+    asked = rng.uniform(0.2, 1.0, (12, 2))
+    known = Experience(asked, weights, np.zeros(12), np.zeros(12, bool), achieved)
+    skill.learn(space, known, th.Generator().manual_seed(0))
+    for parameter in skill.model.parameters():
+        parameter.zero_()
+    answers = skill.answer(space, th.as_tensor(achieved, dtype=th.float32))
+    np.testing.assert_allclose(answers.numpy(), weights, atol=1e-5)
+
+
+def test_what_every_rollout_achieves_as_given_is_a_circumstance() -> None:
+    rng = np.random.default_rng(0)
+    space = SkillSpace(2, (20, 1), 4)
+    space.begin(np.zeros((2, 2)), np.zeros((2, 20, 1)), (0.1,))
+    skill = AchievementConditionedSkill(space, 2, RCNMPAchievement())
+    asked = rng.uniform(size=(12, 2))
+    achieved = np.column_stack([asked[:, 0], rng.uniform(size=12)])
+    known = Experience(asked, rng.normal(size=(12, 4)), np.zeros(12), np.zeros(12, bool), achieved)
+    skill.learn(space, known, th.Generator().manual_seed(0))
+    assert skill.goals.tolist() == [0.0, 1.0]
