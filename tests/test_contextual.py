@@ -251,7 +251,7 @@ def test_without_the_reward_condition_the_answer_is_the_regression() -> None:
 
 
 def test_a_rollout_that_achieved_the_context_is_the_answer() -> None:
-    """The model's error at a known rollout is taken off, even that of a model that knows nothing."""
+    """The model's error at a known rollout is taken off, even if the model knows nothing."""
     rng = np.random.default_rng(0)
     space = SkillSpace(2, (20, 2), 4)
     space.begin(np.zeros((2, 2)), np.zeros((2, 20, 2)), (0.1, 0.1))
