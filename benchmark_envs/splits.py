@@ -43,7 +43,7 @@ def extrapolation(task_id: str, target: int) -> tuple[FloatArray, FloatArray]:
     :raises UnknownTaskError: no task of that id
     :raises TaskError: a task without such contexts, or none of that number
 
-    >>> train, test = extrapolation("nmp/PickAndPlace-v0", target=1)
+    >>> train, test = extrapolation("nmp/PickAndPlace-v1", target=1)
     >>> train.shape, test.tolist()
     ((8, 2), [0.09, 0.11])
     """

@@ -32,7 +32,7 @@ from results.thesis.table_5_2 import mean_joint_errors
 from results.thesis.table_5_2 import table as table_5_2
 from tests.records_fakes import finished_run, specification
 
-PICK, POURING = "nmp/PickAndPlace-v0", "nmp/Pouring-v0"
+PICK, POURING = "nmp/PickAndPlace-v1", "nmp/Pouring-v0"
 
 
 def record(task: str, target: int, seed: int, curve: dict[str, list[Any]]) -> RunRecord:
