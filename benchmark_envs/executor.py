@@ -168,7 +168,7 @@ class BatchExecutor:
         diverged = broken | self._stopped(data)
         data[diverged], end[diverged] = 0.0, 0.0
         blocks = data.reshape(n, steps // self.substeps, self.substeps, -1)
-        last, peak = blocks[:, :, -1], blocks.max(axis=2)
+        last, peak = blocks[:, :, -1].copy(), blocks.max(axis=2)
         readings: dict[str, FloatArray] = {}
         peaks: dict[str, FloatArray] = {}
         for i in range(self.model.nsensor):
