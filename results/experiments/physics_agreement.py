@@ -2,9 +2,9 @@
 
 ``python -m results.experiments.physics_agreement record nmp/Pouring-v1 before.npz`` draws 500
 trajectories (100 of the expert, 400 with noise of sizes that give about half successes, in contexts
-over the whole space), simulates each as it is and four more times with set-points changed by a
-millionth, and writes what came of them. With ``--like before.npz``, run in another version of the
-code, it simulates the trajectories of that file instead of drawing its own.
+over the whole space), simulates each as it is and, four more times (``--repeats``), with set-points
+changed by a millionth, and writes what came of them. With ``--like before.npz``, run in
+another version of the code, it simulates that file's trajectories instead of drawing its own.
 
 ``python -m results.experiments.physics_agreement compare before.npz after.npz`` prints a Markdown
 table: how often success agrees between rollouts of one version and those of the other that are
@@ -70,12 +70,13 @@ def draw_pouring(task: Task, rng: np.random.Generator) -> tuple[NDArray, NDArray
     return contexts, trajectories
 
 
-def record(task_id: str, path: Path, like: Path | None) -> None:
+def record(task_id: str, path: Path, like: Path | None, repeats: int) -> None:
     """Simulate trajectories, as they are and changed by a millionth, and write what came of them.
 
     :param task_id: of pouring or pick-and-place
     :param path: of the file to write
     :param like: of a file whose trajectories are simulated
+    :param repeats: simulations of changed trajectories
     """
     task, rng = make_task(task_id, n_threads=1), np.random.default_rng(0)
     if like is not None:
@@ -88,13 +89,13 @@ def record(task_id: str, path: Path, like: Path | None) -> None:
     found: dict[str, list[NDArray]] = {}
     task.simulate(contexts[:1], trajectories[:1])
     begin = time.process_time()
-    for repeat in range(1 + REPEATS):
+    for repeat in range(1 + repeats):
         factor = np.random.default_rng(repeat).normal(1.0, CHANGE, trajectories.shape)
         rollouts = task.simulate(contexts, trajectories * (factor if repeat else 1.0))
         columns = {"reward": rollouts.rewards, "success": rollouts.successes, **rollouts.outcomes}
         for name, values in columns.items():
             found.setdefault(name, []).append(values)
-    rate = N * (1 + REPEATS) / (time.process_time() - begin)
+    rate = N * (1 + repeats) / (time.process_time() - begin)
     stacked: dict[str, Any] = {name: np.stack(values) for name, values in found.items()}
     np.savez_compressed(path, contexts=contexts, trajectories=trajectories, rate=rate, **stacked)
     print(f"{task_id}: {rate:.1f} rollouts/s, success {stacked['success'].mean():.3f}: {path}")
@@ -140,7 +141,8 @@ def compare(before: Path, after: Path) -> None:
         mean = [set_[name].mean() for set_ in (one, other)]
         paired = other[name].mean(axis=0) - one[name].mean(axis=0)
         error = paired.std() / np.sqrt(len(paired))
-        print(f"| {name}: mean | {mean[0]:.4g} | {mean[1]:.4g} | {paired.mean():+.2g} +- {error:.1g} |")
+        change = f"{paired.mean():+.2g} +- {error:.1g}"
+        print(f"| {name}: mean | {mean[0]:.4g} | {mean[1]:.4g} | {change} |")
     ratio = other["rate"] / one["rate"]
     print(f"| rollouts/s | {one['rate']:.1f} | {other['rate']:.1f} | x {ratio:.2f} |")
 
@@ -153,12 +155,13 @@ def main() -> None:
     recording.add_argument("task")
     recording.add_argument("file", type=Path)
     recording.add_argument("--like", type=Path)
+    recording.add_argument("--repeats", type=int, default=REPEATS)
     comparison = commands.add_parser("compare")
     comparison.add_argument("before", type=Path)
     comparison.add_argument("after", type=Path)
     options = parser.parse_args()
     if options.command == "record":
-        record(options.task, options.file, options.like)
+        record(options.task, options.file, options.like, options.repeats)
     else:
         compare(options.before, options.after)
 
