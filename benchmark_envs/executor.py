@@ -79,17 +79,34 @@ class BatchExecutor:
         self._pool: Rollout | None = None
         self._data: list[mujoco.MjData] = []
         self._scratch = mujoco.MjData(model)
+        self._buffers = [np.empty((0, 0, 0)), np.empty((0, 0, 0))]
+
+    def _reserve(self, n: int, steps: int, n_states: int) -> list[FloatArray]:
+        """Return room for states and readings, the same as before where it is large enough.
+
+        New memory for every chunk costs pick-and-place 6 % of its time.
+        """
+        for i, width in enumerate((n_states, self.model.nsensordata)):
+            if self._buffers[i].shape[1:] != (steps, width) or len(self._buffers[i]) < n:
+                self._buffers[i] = np.empty((n, steps, width))
+        return [buffer[:n] for buffer in self._buffers]
 
     def _rollout(
         self, states: FloatArray, controls: FloatArray, models: Sequence[mujoco.MjModel] | None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the physics states and sensor readings at every step, (N, T * substeps, *)."""
+        """Return the physics states and sensor readings at every step, (N, T * substeps, *).
+
+        They are overwritten by the next call.
+        """
         if self._pool is None:
             self._pool = Rollout(nthread=self.n_threads if self.n_threads > 1 else 0)
             self._data = [mujoco.MjData(self.model) for _ in range(max(1, self.n_threads))]
         model = self.model if models is None else list(models)
-        states_out, sensors = self._pool.rollout(model, self._data, states, controls)
-        return np.asarray(states_out), np.asarray(sensors)
+        states_out, sensors = self._reserve(len(states), controls.shape[1], states.shape[1])
+        self._pool.rollout(
+            model, self._data, states, controls, state=states_out, sensordata=sensors
+        )
+        return states_out, sensors
 
     def run(
         self,
@@ -142,7 +159,7 @@ class BatchExecutor:
         """
         own = None if model is None else [model]
         every_step = self._rollout(state[None], controls[None], own)[0][0]
-        return every_step[self.substeps - 1 :: self.substeps]
+        return every_step[self.substeps - 1 :: self.substeps].copy()
 
     def _log(self, states: NDArray[np.float64], data: NDArray[np.float64]) -> SensorLog:
         n, steps, _ = data.shape
@@ -151,7 +168,7 @@ class BatchExecutor:
         diverged = broken | self._stopped(data)
         data[diverged], end[diverged] = 0.0, 0.0
         blocks = data.reshape(n, steps // self.substeps, self.substeps, -1)
-        last, peak = blocks[:, :, -1], blocks.max(axis=2)
+        last, peak = blocks[:, :, -1].copy(), blocks.max(axis=2)
         readings: dict[str, FloatArray] = {}
         peaks: dict[str, FloatArray] = {}
         for i in range(self.model.nsensor):

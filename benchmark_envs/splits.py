@@ -37,13 +37,13 @@ def leave_one_out(task_id: str, target: int) -> tuple[FloatArray, FloatArray]:
 def extrapolation(task_id: str, target: int) -> tuple[FloatArray, FloatArray]:
     """Return the contexts to demonstrate, and one far from them to learn (thesis 5.2.4).
 
-    :param task_id: of a task with such contexts, such as ``"nmp/Pouring-v0"``
+    :param task_id: of a task with such contexts, such as ``"nmp/Pouring-v1"``
     :param target: the number of the context that is to be learned, from 0
     :return: shapes (K, C) and (C,)
     :raises UnknownTaskError: no task of that id
     :raises TaskError: a task without such contexts, or none of that number
 
-    >>> train, test = extrapolation("nmp/PickAndPlace-v0", target=1)
+    >>> train, test = extrapolation("nmp/PickAndPlace-v1", target=1)
     >>> train.shape, test.tolist()
     ((8, 2), [0.09, 0.11])
     """

@@ -65,3 +65,18 @@ def test_a_rollout_that_breaks_down_is_marked_reads_0_and_leaves_the_others_alon
     ):
         assert (after[1] == 0).all()
         np.testing.assert_array_equal(after[[0, 2]], before[[0, 2]])
+
+
+def test_rollouts_of_several_chunks_read_as_each_alone_and_what_was_returned_stays(
+    executor: BatchExecutor,
+) -> None:
+    controls = np.random.default_rng(0).normal(size=(5, 40, 1))
+    log = executor.run(begin(executor, 5), controls)
+    states = executor.states(begin(executor, 1)[0], controls[0])
+    kept = states.copy()
+    for i in range(5):
+        alone = executor.run(begin(executor, 1), controls[i : i + 1])
+        np.testing.assert_array_equal(log.readings["x"][i], alone.readings["x"][0])
+        np.testing.assert_array_equal(log.peaks["x"][i], alone.peaks["x"][0])
+        np.testing.assert_array_equal(log.final_states[i], alone.final_states[0])
+    np.testing.assert_array_equal(states, kept)

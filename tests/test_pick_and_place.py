@@ -51,7 +51,7 @@ TALL = EXTRAPOLATION_CONTEXTS[1]
 
 
 def pick(n_threads: int | None = None) -> PickAndPlaceTask:
-    task = make_task("nmp/PickAndPlace-v0", n_threads=n_threads)
+    task = make_task("nmp/PickAndPlace-v1", n_threads=n_threads)
     assert isinstance(task, PickAndPlaceTask)
     return task
 
@@ -346,7 +346,7 @@ def test_heights_that_the_gripper_cannot_take_are_refused(
 
 
 def test_the_environment_tells_what_happened() -> None:
-    env = gym.make("nmp/PickAndPlace-v0", context=TALL)
+    env = gym.make("nmp/PickAndPlace-v1", context=TALL)
     env.reset(seed=0)
     expert = env.unwrapped.demonstrate(TALL)  # pyright: ignore[reportAttributeAccessIssue]
     info: dict[str, Any] = env.step(expert.astype(np.float32))[4]

@@ -49,7 +49,7 @@ TIMES = 0.016 * np.arange(1, T + 1, dtype=np.float64)  # s; of the set-points
 
 
 def pouring(n_threads: int | None = None) -> PouringTask:
-    task = make_task("nmp/Pouring-v0", n_threads=n_threads)
+    task = make_task("nmp/Pouring-v1", n_threads=n_threads)
     assert isinstance(task, PouringTask)
     return task
 
@@ -229,7 +229,7 @@ def test_the_reward_is_minus_the_error_and_success_ends_at_27_grams(task: Pourin
 
 
 def test_the_environment_reports_what_was_poured_kept_and_spilled() -> None:
-    env = gym.make("nmp/Pouring-v0", context=[900, 300])
+    env = gym.make("nmp/Pouring-v1", context=[900, 300])
     env.reset(seed=0)
     _, reward, _, _, info = env.step(tilts(84)[0].astype(np.float32))
     assert info["poured"] + info["kept"] + info["spilled"] == 900.0
@@ -246,7 +246,7 @@ def test_more_than_the_cup_holds_or_contains_is_refused(task: PouringTask) -> No
     with pytest.raises(
         InvalidContextError, match=r"pour is 950 g, but the cup holds 900 g: .* 950 to 1500 g"
     ):
-        gym.make("nmp/Pouring-v0", context=[900, 950])
+        gym.make("nmp/Pouring-v1", context=[900, 950])
     np.testing.assert_array_equal(task.check_context([900, 900]), [900, 900])
 
 

@@ -32,7 +32,7 @@ from results.thesis.table_5_2 import mean_joint_errors
 from results.thesis.table_5_2 import table as table_5_2
 from tests.records_fakes import finished_run, specification
 
-PICK, POURING = "nmp/PickAndPlace-v0", "nmp/Pouring-v0"
+PICK, POURING = "nmp/PickAndPlace-v1", "nmp/Pouring-v1"
 
 
 def record(task: str, target: int, seed: int, curve: dict[str, list[Any]]) -> RunRecord:
@@ -109,7 +109,7 @@ def test_a_run_is_shown_the_demonstrations_and_begins_with_the_untrained_answer(
     assert done.curve["rollouts"][0] == 0
     assert done.context is not None and done.context.values == (0.09, 0.11)
     assert np.shape(done.rollouts["untrained"].trajectory) == (200, 6)
-    assert run.stem.endswith("pickandplace-v0_target-01_seed-003")
+    assert run.stem.endswith("pickandplace-v1_target-01_seed-003")
     assert len(json.dumps(msgspec.to_builtins(done))) < 80_000, "records are small"
 
 

@@ -89,7 +89,7 @@ def test_what_was_achieved_is_gathered_and_joined() -> None:
 
 
 @pytest.mark.parametrize(
-    ("task", "solved"), [("nmp/Push-v0", [-0.097, 0.364]), ("nmp/Pouring-v0", [900.0, 400.0])]
+    ("task", "solved"), [("nmp/Push-v0", [-0.097, 0.364]), ("nmp/Pouring-v1", [900.0, 400.0])]
 )
 def test_a_rollout_would_have_been_right_where_it_says(task: str, solved: list[float]) -> None:
     """In the context that it achieved, the same trajectory has hardly any error."""

@@ -1,4 +1,4 @@
-"""`nmp/PickAndPlace-v0`: a UR10 carries an object over a tower (thesis 5.2.4).
+"""`nmp/PickAndPlace-v1`: a UR10 carries an object over a tower (thesis 5.2.4).
 
 The thesis gives eight demonstrations, with objects of 2 to 6 cm and towers of 2 to 8 cm, and adapts
 the skill to an object of 8 and a tower of 10 cm, and to 9 and 11 cm (`demonstration_contexts` and
@@ -40,7 +40,7 @@ from benchmark_envs.tasks.pick_and_place_expert import (
 )
 
 T = 200
-SUBSTEPS = 10  # of 2.5 ms
+SUBSTEPS = 6  # of 4.2 ms
 TIME_POINT = 0.025  # s; between set-points: a rollout lasts 5 s
 JOINTS = ("base", "shoulder", "elbow", "wrist_1", "wrist_2", "wrist_3")
 FINGERS = ("finger_left", "finger_right")
@@ -64,7 +64,7 @@ CLOSES, OPENS = (slice(round(a * T), round(b * T)) for a, b in (CLOSING, OPENING
 CARRY = slice(CLOSES.stop - 1, OPENS.start + 1)
 
 
-@register_task("nmp/PickAndPlace-v0")
+@register_task("nmp/PickAndPlace-v1")
 class PickAndPlaceTask(MujocoTask):
     """A UR10 with a two-finger gripper, a box to carry, a tower that can fall, and a place.
 

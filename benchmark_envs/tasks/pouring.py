@@ -1,4 +1,4 @@
-"""`nmp/Pouring-v0`: a wrist tilts a cup of marbles to pour some of them (thesis 5.2.4).
+"""`nmp/Pouring-v1`: a wrist tilts a cup of marbles to pour some of them (thesis 5.2.4).
 
 The thesis did this on a UR10: 16 demonstrations of cups that held 850 to 950 g, then the task to
 pour 1322 of 1400 g. The CNMP's first answer was wrong by 591 g, ACNMP's after 18 rollouts by 27 g.
@@ -79,7 +79,7 @@ def demonstration_contexts() -> FloatArray:
     return np.stack(np.meshgrid(initial, target, indexing="ij"), axis=-1).reshape(16, 2)
 
 
-@register_task("nmp/Pouring-v0")
+@register_task("nmp/Pouring-v1")
 class PouringTask(MujocoTask):
     """A cup with 50 to 150 marbles that a wrist tilts, and a second cup that is to catch some.
 

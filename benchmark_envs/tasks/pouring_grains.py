@@ -1,4 +1,4 @@
-"""The marbles of `nmp/Pouring-v0`: the model with all of them, their rest, and where they end."""
+"""The marbles of `nmp/Pouring-v1`: the model with all of them, their rest, and where they end."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ CUP_RADIUS, CUP_HEIGHT, WALL = 0.055, 0.15, 0.012  # m; of both cups, inside; of
 PITCH = 0.0205  # m; between the grains that are to settle
 JITTER = 3e-4  # m; no grain balances on another
 SETTLING = 3.0  # s; then no grain moves faster than 1 mm/s
-RESETTLING = 0.5  # s; the same for what remains after the uppermost grains were taken away
+RESETTLING = 1.5  # s; the same for what remains after the uppermost grains were taken away
 PARKED = -100.0  # m; the height from which the grains that are not in play fall, out of sight
 QUANTUM = 2.0**-20  # g; shares are whole multiples of it, see `shares`
 
@@ -81,10 +81,10 @@ def initial_state(executor: BatchExecutor, positions: FloatArray) -> FloatArray:
 
     :param executor: of the model
     :param positions: of the grains in play, shape (n, 3) in m; the others are parked far below,
-        one beside the other, where they fall without touching anything
+        one under the other, where they fall without touching anything
     """
-    row, column = np.divmod(np.arange(GRAINS), 13)
-    grains = np.column_stack([3 * RADIUS * row, 3 * RADIUS * column, np.full(GRAINS, PARKED)])
+    grains = np.zeros((GRAINS, 3))
+    grains[:, 2] = PARKED - 3 * RADIUS * np.arange(GRAINS)
     grains[: len(positions)] = positions
     qpos = np.zeros(executor.model.nq)
     qpos[first_grain(executor.model) :] = grains.ravel()

@@ -22,6 +22,6 @@ ALGORITHMS = {
     "REPS": replace(REPS, settings={"population_size": 10}),
     "RC-NMP": RCNMP_FREE,
 }
-TASKS: dict[str, dict[str, object]] = {"nmp/PickAndPlace-v0": {}}
+TASKS: dict[str, dict[str, object]] = {"nmp/PickAndPlace-v1": {}}
 PROTOCOLS = tuple(Extrapolation(target) for target in range(len(EXTRAPOLATION_CONTEXTS)))
 RECIPE = Recipe(ALGORITHMS, TASKS, 100, 10, PROTOCOLS, checkpoints=(0, 20, 50, 100), published=100)

@@ -21,6 +21,6 @@ ALGORITHMS = {
         RCNMP_FREE, settings={"pd_controller": None, "population_size": 6, "n_crossover": 2}
     ),
 }
-TASKS: dict[str, dict[str, object]] = {"nmp/Pouring-v0": {}}
+TASKS: dict[str, dict[str, object]] = {"nmp/Pouring-v1": {}}
 PROTOCOLS = tuple(Extrapolation(target) for target in range(len(EXTRAPOLATION_CONTEXTS)))
 RECIPE = Recipe(ALGORITHMS, TASKS, 18, 10, PROTOCOLS, checkpoints=(0, 6, 12, 18), published=18)
