@@ -99,7 +99,7 @@ class LeaveOneOut(Adaptation):
 class Extrapolation(Adaptation):
     """Adapt to a context far from a task's set of demonstrations (thesis 5.2.4).
 
-    >>> shown, held_out = Extrapolation(0).split("nmp/PickAndPlace-v0")
+    >>> shown, held_out = Extrapolation(0).split("nmp/PickAndPlace-v1")
     >>> shown.shape, held_out.shape
     ((8, 2), (2,))
 
