@@ -30,7 +30,7 @@ NOTES = (
     "policy by then, else at the first evaluation.",
     "rollouts to a rate: the evaluation from which on the failure rate stays at or below it, "
     "median (quartiles), runs that do not get there beyond the longest run. 9.06 % is the rate of "
-    "the network that the original code's author stored.",
+    "the network that the original code's author stored, on apertures.",
     "rollouts in all, contexts and those that took more than one rollout: medians. most in one "
     "context: the largest of all runs. reward: of the held-out contexts at the end, mean. time: "
     "median seconds per run on one thread, training on demonstrations and rollouts included, "
