@@ -7,8 +7,8 @@ from typing import Any
 import pandas as pd
 
 from results.adaptation.summary import errors_in, summarise
-from results.report.footnotes import descriptions, failures, origins, rollouts_cell
-from results.report.text_table import NOT_APPLICABLE, Cell, Page, Section, TextTable, row_cells
+from results.report.footnotes import page, rollouts_cell
+from results.report.text_table import NOT_APPLICABLE, Cell, Page, TextTable, row_cells
 
 NOTES = (
     "A run: demonstrations in other contexts, then rollouts in this one. Medians, with quartiles "
@@ -36,10 +36,7 @@ def tables(runs: pd.DataFrame, labels: Sequence[str] | None = None) -> Page:
         chosen = runs.loc[(runs["task"] == task) & (runs["kind"] == kind)]
         shown = summary.loc[(summary["task"] == task) & (summary["kind"] == kind)]
         made.append(_table(task, kind, chosen, shown))
-    notes = [*NOTES, *descriptions(runs), *origins(runs)]
-    return Page(
-        made, [Section("Failed runs", failures(runs), "red"), Section("Notes", notes, "dim")]
-    )
+    return page(made, runs, NOTES)
 
 
 def _table(task: str, kind: str, runs: pd.DataFrame, summary: pd.DataFrame) -> TextTable:

@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 
 from results.one_context.summary import VIEWS, compare, summarise
-from results.report.footnotes import descriptions, failures, origins, rollouts_cell
+from results.report.footnotes import page, rollouts_cell
 from results.report.text_table import NOT_APPLICABLE, Cell, Page, Section, TextTable, row_cells
 
 COLUMNS = ("solved", "rollouts", "reward", "IQM")  # of each view
@@ -40,14 +40,7 @@ def tables(runs: pd.DataFrame, labels: Sequence[str] | None = None) -> Page:
         breaks = (2 + len(COLUMNS),)
         made.append(TextTable(_title(str(task), runs), HEADER, rows, breaks))
     reference = (list(labels or []) or sorted(set(runs["label"])))[0]
-    return Page(
-        made,
-        [
-            Section("Failed runs", failures(runs), "red"),
-            Section("Comparisons", comparisons(runs, reference)),
-            Section("Notes", [*NOTES, *descriptions(runs), *origins(runs)], "dim"),
-        ],
-    )
+    return page(made, runs, NOTES, Section("Comparisons", comparisons(runs, reference)))
 
 
 def comparisons(runs: pd.DataFrame, reference: str) -> list[str]:

@@ -1,9 +1,26 @@
 """What tables of every protocol say below themselves; pure functions of one row per run."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
+
+from results.report.text_table import Page, Section, TextTable
+
+
+def page(
+    tables: Sequence[TextTable], runs: pd.DataFrame, notes: Sequence[str], *between: Section
+) -> Page:
+    """Return tables with what every protocol says below them: failed runs first, notes last.
+
+    :param tables: in their order
+    :param runs: one row per run
+    :param notes: of the protocol, before those on algorithms and origins
+    :param between: sections of the protocol's own
+    """
+    told = [*notes, *descriptions(runs), *origins(runs)]
+    failed = Section("Failed runs", failures(runs), "red")
+    return Page(tables, [failed, *between, Section("Notes", told, "dim")])
 
 
 def failures(runs: pd.DataFrame) -> list[str]:

@@ -6,8 +6,8 @@ from typing import Any
 
 import pandas as pd
 
-from results.report.footnotes import descriptions, failures, origins, rollouts_cell
-from results.report.text_table import NOT_APPLICABLE, Cell, Page, Section, TextTable, row_cells
+from results.report.footnotes import page, rollouts_cell
+from results.report.text_table import NOT_APPLICABLE, Cell, Page, TextTable, row_cells
 from results.stream.summary import THRESHOLDS, summarise
 
 HEADER = (
@@ -52,10 +52,7 @@ def tables(runs: pd.DataFrame, labels: Sequence[str] | None = None) -> Page:
         )
         for task, summary in summarise(runs, labels).groupby("task")
     ]
-    notes = [*NOTES, *descriptions(runs), *origins(runs)]
-    return Page(
-        made, [Section("Failed runs", failures(runs), "red"), Section("Notes", notes, "dim")]
-    )
+    return page(made, runs, NOTES)
 
 
 def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:

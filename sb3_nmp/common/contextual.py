@@ -166,7 +166,7 @@ class ContextualSearch:
     def take(
         self, rewards: FloatArray, successes: NDArray[np.bool_], n_before: int, was_ready: bool
     ) -> None:
-        """Remember the first success, and adapt the scale.
+        """Remember the first success that counts.
 
         :param rewards: of a generation, shape (n,)
         :param successes: of the same, shape (n,)
