@@ -231,18 +231,18 @@ def network(n_frequencies: int = 2) -> NeuralProcess:
 def test_the_encoding_does_not_depend_on_the_order_of_the_points() -> None:
     net, times, values = network(), th.rand(2, 6), th.randn(2, 6, 2)
     condition, order = th.randn(2, 3), th.randperm(6)
-    one = net.encode(times, values, condition)
-    two = net.encode(times[:, order], values[:, order], condition)
+    one = net.encode(times, values, condition).latent
+    two = net.encode(times[:, order], values[:, order], condition).latent
     th.testing.assert_close(one.mean, two.mean)
     th.testing.assert_close(one.stddev, two.stddev)
 
 
 def test_the_gradient_reaches_every_parameter_and_shapes_are_as_told() -> None:
     net = network()
-    latent = net.encode(th.rand(5, 6), th.randn(5, 6, 2), th.randn(5, 3))
-    assert latent.mean.shape == (5, 4)
-    shared = net.decode(th.rand(7), latent.rsample(), th.randn(5, 3))
-    own = net.decode(th.rand(5, 7), latent.rsample(), th.randn(5, 3))
+    latent = net.encode(th.rand(5, 6), th.randn(5, 6, 2), th.randn(5, 3)).latent
+    assert latent.mean.shape == (5, 1, 4), "of one category"
+    shared = net.decode(th.rand(7), latent.rsample()[:, 0], th.randn(5, 3))
+    own = net.decode(th.rand(5, 7), latent.rsample()[:, 0], th.randn(5, 3))
     assert shared.mean.shape == own.mean.shape == (5, 7, 2)
     (shared.mean.square().sum() + own.mean.square().sum()).backward()
     assert all(p.grad is not None and bool(p.grad.abs().sum() > 0) for p in net.parameters())

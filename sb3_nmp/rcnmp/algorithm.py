@@ -24,7 +24,8 @@ class Parents:
     A member follows its first parent until its cut in time, and its second parent from it on. A
     parent is a stored rollout, or what its latent decodes to.
 
-    :param latents: of both parents, shape (2, N, Z)
+    :param latents: of both parents, and their categories' one-hot vectors where there are several,
+        shape (2, N, code_dim)
     :param rows: of both parents: the stored rollout's row in the buffer, -1 for none, shape (2, N)
     :param cuts: time index of the cut, shape (N,); T where there is no second parent
     """
@@ -132,8 +133,8 @@ class RCNMP(PopulationSearch):
             self._train()
         rng, n_time_points = self.rng, self.policy.trajectory_shape[0]
         n_draws = self.n_plain + self.n_crossover // 2
-        shape = (2, n_draws, self.policy.latent_dim)
-        latents = self.latent_std * rng.standard_normal(shape).astype(np.float32)
+        context = self.replay_buffer.contexts[-1]
+        latents = self.policy.draw_codes(rng, context, (2, n_draws), self.latent_std)
         weights = selection_weights(self.replay_buffer.rewards, self.temperature)
         rows = rng.choice(len(weights), (2, n_draws), p=weights)
         rows[rng.uniform(size=rows.shape) >= self.elite_parents] = -1

@@ -40,6 +40,7 @@ class RCNMPPolicy(ElitePolicy):
     :param activation_fn: between the layers
     :param skill: of the answers to contexts where these vary
     :param achievement: of the same, where rollouts tell what they achieved
+    :param n_categories: of the discrete latent beside z; 1 is the thesis's network without one
     """
 
     offset: th.Tensor
@@ -62,6 +63,7 @@ class RCNMPPolicy(ElitePolicy):
         activation_fn: type[nn.Module] = nn.Tanh,
         skill: RCNMPSkill = RCNMPSkill(),  # noqa: B008 (frozen)
         achievement: RCNMPAchievement = RCNMPAchievement(),  # noqa: B008 (frozen)
+        n_categories: int = 1,
     ) -> None:
         super().__init__(observation_space, action_space)
         self.settings: dict[str, Any] = {
@@ -73,6 +75,7 @@ class RCNMPPolicy(ElitePolicy):
             "activation_fn": activation_fn,
             "skill": skill,
             "achievement": achievement,
+            "n_categories": n_categories,
         }
         self.latent_dim = latent_dim
         shape = self.trajectory_shape
@@ -85,6 +88,7 @@ class RCNMPPolicy(ElitePolicy):
             n_frequencies=n_frequencies,
             decoder_std=decoder_std,
             activation_fn=activation_fn,
+            n_categories=n_categories,
         )
         self.register_buffer("times", th.linspace(0.0, 1.0, shape[0]))
         self.register_buffer("offset", th.zeros(shape))
@@ -108,27 +112,64 @@ class RCNMPPolicy(ElitePolicy):
         scaled = (contexts - self.context_middle) / self.context_half_range
         return th.cat([scaled, rewards[:, None]], dim=1)
 
-    def generate(self, contexts: th.Tensor, latents: th.Tensor) -> th.Tensor:
+    def generate(self, contexts: th.Tensor, codes: th.Tensor) -> th.Tensor:
         """Return what the network proposes for the best reward seen, shape (B, T, D).
 
         :param contexts: shape (B, C)
-        :param latents: z, shape (B, Z)
+        :param codes: z, and the one-hot vector of k where there are categories, shape (B, code_dim)
         """
-        condition = self.condition(contexts, self.target_reward.expand(len(contexts)))
-        return self.offset + self.scale * self.network.decode(self.times, latents, condition).mean
+        condition = self.wanted(contexts)
+        return self.offset + self.scale * self.network.decode(self.times, codes, condition).mean
+
+    def wanted(self, contexts: th.Tensor) -> th.Tensor:
+        """Return the condition at the best reward seen, shape (B, C + 1).
+
+        :param contexts: shape (B, C)
+        """
+        return self.condition(contexts, self.target_reward.expand(len(contexts)))
+
+    @th.no_grad()
+    def draw_codes(
+        self,
+        rng: np.random.Generator,
+        context: NDArray[np.floating],
+        n: tuple[int, ...],
+        std: float,
+    ) -> NDArray[np.float32]:
+        """Draw z from a Gaussian and k from p(k | context, best reward), shape (*n, code_dim).
+
+        :param rng: the generator to draw from
+        :param context: shape (C,)
+        :param n: how many, as a shape
+        :param std: standard deviation of z
+        """
+        latents = std * rng.standard_normal((*n, self.latent_dim)).astype(np.float32)
+        if self.network.n_categories == 1:
+            return latents
+        row = self.offset.new_tensor(context)[None]
+        probabilities = self.network.category_prior(self.wanted(row)).probs[0].cpu().numpy()
+        shares = probabilities.astype(np.float64) / probabilities.sum(dtype=np.float64)
+        category = th.as_tensor(rng.choice(len(shares), n, p=shares))
+        return self.network.code(th.as_tensor(latents), category).numpy()
 
     def generalise(self, contexts: th.Tensor, deterministic: bool = True) -> th.Tensor:
         """Return the skill's answers, or what the network proposes for the best reward, (N, T, D).
 
         :param contexts: shape (N, C)
-        :param deterministic: decode the latent 0 instead of one drawn from N(0, I)
+        :param deterministic: decode the latent 0 in the likeliest category instead of drawing both
         """
         if self.skill.is_ready:
             rows = contexts.cpu().numpy()
             answered = self.skill.space.trajectories(rows, self.skill.answer(rows))
             return th.as_tensor(answered, dtype=th.float32, device=contexts.device)
         latents = contexts.new_zeros((len(contexts), self.latent_dim))
-        return self.generate(contexts, latents if deterministic else th.randn_like(latents))
+        prior = self.network.category_prior(self.wanted(contexts))
+        if deterministic or self.network.n_categories == 1:
+            category = prior.probs.argmax(dim=1)
+        else:
+            category = prior.sample()
+        drawn = latents if deterministic else th.randn_like(latents)
+        return self.generate(contexts, self.network.code(drawn, category))
 
     def _may_answer(self, elite: int) -> bool:
         """Return False for a trajectory that failed, where a skill has been learned."""

@@ -1,7 +1,7 @@
 """The supervised learning of RC-NMP: mini-batches from the buffer and the ELBO (thesis Eq. 6.2).
 
 Shape letters: S training steps, B batch, O conditioning points, P target points, D dimensions of
-the trajectory, K size of the condition, Z latent.
+the trajectory, C size of the condition, K categories, Z latent.
 """
 
 from collections.abc import Iterator
@@ -52,7 +52,7 @@ class Batch:
     :param observed_values: at those times, shape (B, O, D)
     :param target_times: shape (B, P)
     :param target_values: shape (B, P, D)
-    :param condition: task parameters and reward, shape (B, K)
+    :param condition: task parameters and reward, shape (B, C)
     :param noise: standard normal, for the reparametrisation, shape (B, Z)
     """
 
@@ -66,35 +66,60 @@ class Batch:
 
 @dataclass(frozen=True)
 class Elbo:
-    """Eq. 6.2 and its two terms, averaged over a batch; scalars.
+    """Eq. 6.2 and its terms, averaged over a batch; scalars.
 
-    :param loss: minus the bound
-    :param log_likelihood: E_q[log p(x_t | z, t, r)], averaged over the target points
-    :param divergence: KL(q(z | O, r) || N(0, I))
+    :param loss: minus the bound, and for several categories minus what `elbo` adds to it
+    :param log_likelihood: E_q[log p(x_t | z, k, t, r)], averaged over the target points
+    :param divergence: E_q(k)[KL(q(z | k, O, r) || N(0, I))]
+    :param imbalance: KL(q(k) || uniform) of the batch's mean q(k); 0 for one category
     """
 
     loss: th.Tensor
     log_likelihood: th.Tensor
     divergence: th.Tensor
+    imbalance: th.Tensor
 
 
-def elbo(network: NeuralProcess, batch: Batch, beta: float) -> Elbo:
+def elbo(network: NeuralProcess, batch: Batch, beta: float, balance: float = 10.0) -> Elbo:
     """Return the evidence lower bound of Eq. 6.2 with one latent sample per trajectory.
 
     The log-likelihood is averaged, not summed, over time, so that beta does not depend on how
     many points are drawn.
 
+    The expectation over categories k is the exact sum over all of them. The bound's divergence
+    KL(q(k | O, r) || uniform), averaged over trajectories, is what k tells of them plus
+    KL(q(k) || uniform) of their mean q(k) (Hoffman and Johnson, "ELBO surgery", 2016). Only the
+    second part is charged: then no category dies, and telling modes apart costs nothing, where z
+    pays beta for it. The prior p(k | r) follows q(k | O, r) and does not act on it.
+
     :param network: the neural process
     :param batch: trajectories drawn from the replay buffer
-    :param beta: weight of the KL divergence
+    :param beta: weight of the KL divergence of z
+    :param balance: weight of KL(q(k) || uniform); measured in results/experiments/sampling.md
     """
+    k = network.n_categories
     posterior = network.encode(batch.observed_times, batch.observed_values, batch.condition)
-    latent = posterior.mean + posterior.stddev * batch.noise
-    predicted = network.decode(batch.target_times, latent, batch.condition)
-    log_likelihood = predicted.log_prob(batch.target_values).sum(dim=-1).mean()
+    latent = posterior.latent.mean + posterior.latent.stddev * batch.noise[:, None]
+    category = th.arange(k, device=latent.device).expand(len(latent), k)
+    predicted = network.decode(
+        batch.target_times.repeat_interleave(k, dim=0),
+        network.code(latent, category).flatten(0, 1),
+        batch.condition.repeat_interleave(k, dim=0),
+    )
+    targets = batch.target_values.repeat_interleave(k, dim=0)
+    by_category = predicted.log_prob(targets).sum(dim=-1).unflatten(0, (-1, k))
+    shares = posterior.category.probs
+    log_likelihood = (shares[..., None] * by_category).sum(dim=1).mean()
     prior = Normal(th.zeros_like(latent), 1.0, validate_args=False)
-    divergence = kl_divergence(posterior, prior).sum(dim=-1).mean()
-    return Elbo(beta * divergence - log_likelihood, log_likelihood, divergence)
+    divergence = (shares * kl_divergence(posterior.latent, prior).sum(dim=-1)).sum(dim=1).mean()
+    loss = beta * divergence - log_likelihood
+    if k == 1:
+        return Elbo(loss, log_likelihood, divergence, loss.new_zeros(()))
+    share = shares.mean(dim=0)
+    imbalance = (share * (k * share).clamp(min=1e-12).log()).sum()
+    learned = network.category_prior(batch.condition).logits
+    prior_loss = -(shares.detach() * learned).sum(dim=1).mean()
+    return Elbo(loss + balance * imbalance + prior_loss, log_likelihood, divergence, imbalance)
 
 
 def batches(
@@ -111,7 +136,7 @@ def batches(
     :param settings: sizes and number of batches
     :param times: of the time points, shape (T,)
     :param values: trajectories, shape (N, T, D)
-    :param condition: shape (N, K)
+    :param condition: shape (N, C)
     :param probabilities: of drawing each trajectory, shape (N,)
     :param latent_dim: Z
     :param rng: the generator to draw from
