@@ -71,8 +71,8 @@ def _error(row: Mapping[Hashable, Any], view: str) -> Cell:
     """Return a mean error, and its interval."""
     if row["reason"]:
         return row["reason"], ""
-    ends = (-row[f"{view}_mean_{end}"] for end in ("high", "low"))
-    return f"{-row[f'{view}_mean']:.4f}", _interval(*ends, digits=4)
+    low, high = (0.0 - row[f"{view}_mean_{end}"] for end in ("high", "low"))  # -0 would show
+    return f"{0.0 - row[f'{view}_mean']:.4f}", _interval(low, high, digits=4)
 
 
 def _interval(low: float, high: float, digits: int) -> str:
