@@ -27,6 +27,7 @@ from benchmark_envs.tasks import (
     PickAndPlaceTask,
     PouringTask,
     PushTask,
+    ViaPointsTask,
 )
 from benchmark_envs.trajectory_env import TrajectoryEnv
 
@@ -53,6 +54,7 @@ __all__ = [
     "TrajectoryEnv",
     "TrajectoryVecEnv",
     "UnknownTaskError",
+    "ViaPointsTask",
     "draw",
     "extrapolation",
     "interpolate",

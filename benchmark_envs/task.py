@@ -142,9 +142,11 @@ class Task(ABC):
     def scene(self, context: ArrayLike) -> dict[str, Any] | None:
         """Return what to draw around the paths of a planar task, as plain JSON values.
 
-        Lengths are in m: ``limits`` [[x0, x1], [y0, y1]]; ``points``, [x, y] by name; ``circles``
-        with ``center``, ``radius``, ``style`` (``"solid"`` or ``"dashed"``) and ``label``;
-        ``boxes`` with the corners ``low`` and ``high``.
+        Lengths are in m: ``limits`` [[x0, x1], [y0, y1]]; where there are any, ``points``, [x, y]
+        by name; ``targets``, each an [x, y] that the path is to meet; ``circles`` with ``center``,
+        ``radius``, ``style`` (``"solid"`` or ``"dashed"``) and ``label``; ``boxes`` with the
+        corners ``low`` and ``high``. A trajectory of one dimension is drawn over the coordinate
+        ``along``, of a ``name``, that it passes at uniform speed from ``low`` to ``high``.
 
         :param context: shape (C,)
         :return: None where the trajectory is no path in a plane

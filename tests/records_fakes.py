@@ -34,7 +34,7 @@ def specification(
     return SpecificationRecord(
         label, more.get("description", ""), label.lower(), {}, task, {}, seed, budget,
         more.get("own_budget", False), protocol or ProtocolRecord("one-context"),
-        suite or SuiteRecord(),
+        suite or SuiteRecord(), more.get("variant", ""),
     )  # fmt: skip
 
 

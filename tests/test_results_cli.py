@@ -112,6 +112,7 @@ def test_enlarged_panel_shows_the_solved_runs():
     curves = pd.DataFrame(
         {
             "label": "A",
+            "variant": "",
             "seed": [0, 0, 1, 1],
             "rollouts": [1, 2, 1, 2],
             "greedy_reward": [-8.0, -0.13, -8.0, -2.1],

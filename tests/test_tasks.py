@@ -396,24 +396,31 @@ def test_the_expert_is_recognised_by_its_mode(task_id: str) -> None:
 
 
 @TASKS
-def test_the_scene_is_plain_json_and_the_expert_avoids_what_is_in_it(task_id: str) -> None:
+def test_the_scene_is_plain_json_and_the_expert_keeps_to_what_is_in_it(task_id: str) -> None:
     task = make_task(task_id)
     context = context_of(task, seed=1)
     scene = task.scene(context)
     if scene is None:
         return
     assert json.loads(json.dumps(scene, allow_nan=False)) == scene
-    assert set(scene) == {"limits", "points", "circles", "boxes"}
+    assert set(scene) <= {"limits", "along", "points", "targets", "circles", "boxes"}
     path = task.simulate(context, task.demonstrate(context)).executed[0]
-    np.testing.assert_allclose(path[0], scene["points"]["start"], atol=0.1)
-    np.testing.assert_allclose(path[-1], scene["points"]["goal"], atol=0.1)
+    if "along" in scene:
+        x = np.linspace(scene["along"]["low"], scene["along"]["high"], len(path))
+        path = np.column_stack([x, path])
     limits = np.array(scene["limits"])
     assert ((path >= limits[:, 0]) & (path <= limits[:, 1])).all()
-    for circle in scene["circles"]:
+    for name, point in scene.get("points", {}).items():
+        end = path[{"start": 0, "goal": -1}[name]]
+        np.testing.assert_allclose(end, point, atol=0.1)
+    for target in scene.get("targets", ()):
+        assert np.linalg.norm(path - target, axis=1).min() < 0.03
+    obstacles = [*scene.get("circles", ()), *scene.get("boxes", ())]
+    assert obstacles or scene["targets"]
+    for circle in scene.get("circles", ()):
         assert np.linalg.norm(path - circle["center"], axis=1).min() > circle["radius"]
-    for box in scene["boxes"]:
+    for box in scene.get("boxes", ()):
         assert not ((path > box["low"]) & (path < box["high"])).all(axis=1).any()
-    assert scene["circles"] or scene["boxes"]
 
 
 @TASKS

@@ -5,5 +5,13 @@ from benchmark_envs.tasks.bottles import BottlesTask
 from benchmark_envs.tasks.pick_and_place import PickAndPlaceTask
 from benchmark_envs.tasks.pouring import PouringTask
 from benchmark_envs.tasks.push import PushTask
+from benchmark_envs.tasks.via_points import ViaPointsTask
 
-__all__ = ["ApertureTask", "BottlesTask", "PickAndPlaceTask", "PouringTask", "PushTask"]
+__all__ = [
+    "ApertureTask",
+    "BottlesTask",
+    "PickAndPlaceTask",
+    "PouringTask",
+    "PushTask",
+    "ViaPointsTask",
+]

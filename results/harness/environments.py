@@ -27,6 +27,7 @@ class RunTask:
     :param budget: of the run, in rollouts
     :param pretrained: whether its algorithm can answer before the first rollout
     :param settings: the task's constructor arguments
+    :param shown_initial: whether the initial trajectory is shown where nothing else is
     """
 
     task_id: str
@@ -34,6 +35,7 @@ class RunTask:
     budget: int
     pretrained: bool = True
     settings: Mapping[str, Any] = field(default_factory=dict)
+    shown_initial: bool = False
 
     @cached_property
     def task(self) -> Task:
@@ -71,6 +73,13 @@ class RunTask:
         """
         settings = json.dumps(self._single_threaded, sort_keys=True)
         return _demonstrated(self.task_id, settings, np.asarray(contexts, np.float64).tobytes())
+
+    def initial(self, context: FloatArray) -> Demonstrations:
+        """Return the initial trajectory, which every algorithm knows, as a demonstration.
+
+        :param context: shape (C,)
+        """
+        return Demonstrations(context[None], self.task.initial_trajectory(context)[None])
 
     def expert(self, context: FloatArray) -> FloatArray | None:
         """Return the expert's trajectory, shape (T, D), None where the expert has none.

@@ -73,6 +73,7 @@ class SpecificationRecord:
     :param own_budget: whether the budget is the algorithm's own, which others need not share
     :param protocol: where and how
     :param suite: what it belongs to
+    :param variant: the name of the task's settings, where a suite runs several of them
     """
 
     label: str
@@ -86,20 +87,23 @@ class SpecificationRecord:
     own_budget: bool
     protocol: ProtocolRecord
     suite: SuiteRecord = SuiteRecord()
+    variant: str = ""
 
     @property
     def stem(self) -> str:
         """The name of the run's file, without its ending."""
         number = self.protocol.number
+        variant = f"_{slug(self.variant)}" if self.variant else ""
         target = "" if number is None else f"_target-{number:02d}"
-        return f"{slug(self.label)}_{task_slug(self.task)}{target}_seed-{self.seed:03d}"
+        return f"{slug(self.label)}_{task_slug(self.task)}{variant}{target}_seed-{self.seed:03d}"
 
     @property
     def name(self) -> str:
         """The run's name in messages."""
         number = self.protocol.number
+        variant = f", {self.variant}" if self.variant else ""
         target = "" if number is None else f", target {number}"
-        return f"{self.label} on {self.task}{target}, seed {self.seed}"
+        return f"{self.label} on {self.task}{variant}{target}, seed {self.seed}"
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from results.harness.records import RunRecord, SpecificationRecord
 from results.harness.specification import RunSpecification
 
 SAME_IN_A_FOLDER = ("protocol",)
-SAME_ON_A_TASK = ("budget", "task_settings")
+SAME_ON_A_TASK = ("budget",)
+SAME_IN_A_VARIANT = ("task_settings",)
 SAME_FOR_AN_ALGORITHM = ("algorithm", "settings", "own_budget")
 
 
@@ -116,11 +117,13 @@ def _shared_keys(held: SpecificationRecord, wanted: SpecificationRecord) -> tupl
     """Return the settings in which two runs of a folder must agree."""
     if wanted.task != held.task:
         return SAME_IN_A_FOLDER
+    shared = SAME_IN_A_FOLDER
+    if wanted.variant == held.variant:
+        shared += SAME_IN_A_VARIANT
     if wanted.label == held.label:
-        return SAME_IN_A_FOLDER + SAME_ON_A_TASK + SAME_FOR_AN_ALGORITHM
+        return shared + SAME_ON_A_TASK + SAME_FOR_AN_ALGORITHM
     own_budget = wanted.own_budget or held.own_budget
-    shared = tuple(key for key in SAME_ON_A_TASK if not (own_budget and key == "budget"))
-    return SAME_IN_A_FOLDER + shared
+    return shared if own_budget else shared + SAME_ON_A_TASK
 
 
 def _compared(specification: SpecificationRecord, key: str) -> Any:  # noqa: ANN401

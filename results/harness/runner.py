@@ -96,7 +96,14 @@ def execute(run: RunSpecification, on_rollouts: OnRollouts | None = None) -> Res
     """
     th.set_num_threads(1)
     algorithm = run.algorithm.load()
-    setting = RunTask(run.task, run.seed, run.budget, run.algorithm.pretrained, run.task_settings)
+    setting = RunTask(
+        run.task,
+        run.seed,
+        run.budget,
+        run.algorithm.pretrained,
+        run.task_settings,
+        run.algorithm.shown_initial,
+    )
     prepared = run.protocol.prepare(setting, on_rollouts)
     arguments = run.algorithm.arguments(prepared.demonstrations)
     start = time.perf_counter()

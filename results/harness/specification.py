@@ -31,6 +31,8 @@ class Algorithm:
     :param description: one line for the tables
     :param pretrained: whether it can answer before its first rollout, where it was shown some
     :param budget: rollouts of a run, where it needs more than a suite's other algorithms
+    :param shown_initial: whether the task's initial trajectory is its demonstration, where the
+        protocol shows none and it cannot begin without
     """
 
     name: str
@@ -39,6 +41,7 @@ class Algorithm:
     description: str = ""
     pretrained: bool = True
     budget: int | None = None
+    shown_initial: bool = False
 
     def arguments(self, demonstrations: Demonstrations | None) -> dict[str, Any]:
         """Return all constructor arguments besides policy, environment and seed.
@@ -76,6 +79,7 @@ class RunSpecification:
     :param task_settings: the task's constructor arguments
     :param own_budget: whether the budget is the algorithm's own, which others need not share
     :param suite: what it belongs to
+    :param variant: the name of these task settings, where a suite runs several of them
     """
 
     label: str
@@ -87,6 +91,7 @@ class RunSpecification:
     task_settings: Mapping[str, Any] = field(default_factory=dict)
     own_budget: bool = False
     suite: SuiteRecord = SuiteRecord()  # noqa: RUF009 (frozen)
+    variant: str = ""
 
     @property
     def record(self) -> SpecificationRecord:
@@ -108,6 +113,7 @@ class RunSpecification:
                 self.protocol.kind,
             ),
             suite=self.suite,
+            variant=self.variant,
         )
 
     @property

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from results.exceptions import BenchmarkError
 from results.harness.protocol import Protocol
@@ -25,6 +25,8 @@ class Recipe:
     :param protocols: each seed is run once in each
     :param checkpoints: rollouts at which tables report the greedy error
     :param published: rollouts that the thesis's method needed, None where it tells none
+    :param variants: further settings of the tasks, by a name for each variant; each seed is run
+        once in each. By default there is but one, without a name
     """
 
     algorithms: Mapping[str, Algorithm]
@@ -34,6 +36,7 @@ class Recipe:
     protocols: tuple[Protocol, ...]
     checkpoints: tuple[int, ...] = ()
     published: int | None = None
+    variants: Mapping[str, Mapping[str, object]] = field(default_factory=lambda: {"": {}})
 
 
 @dataclass(frozen=True)
@@ -81,9 +84,10 @@ def make_suite(
         raise BenchmarkError(f"the budget is {budget}; a run needs at least 1 rollout.")
     facts = SuiteRecord(name, tuple(recipe.algorithms), recipe.checkpoints, recipe.published)
     specifications = [
-        _specification(recipe, label, task, seed, budget, protocol, facts)
+        _specification(recipe, label, task, variant, seed, budget, protocol, facts)
         for task in recipe.tasks
         for seed in (range(recipe.n_seeds) if seeds is None else list(seeds))
+        for variant in recipe.variants
         for protocol in recipe.protocols
         for label in dict.fromkeys(chosen)
     ]
@@ -94,6 +98,7 @@ def _specification(
     recipe: Recipe,
     label: str,
     task: str,
+    variant: str,
     seed: int,
     budget: int | None,
     protocol: Protocol,
@@ -108,9 +113,10 @@ def _specification(
         seed,
         budget or algorithm.budget or recipe.budget,
         protocol,
-        recipe.tasks[task],
+        {**recipe.tasks[task], **recipe.variants[variant]},
         own_budget=budget is None and algorithm.budget is not None,
         suite=suite,
+        variant=variant,
     )
 
 

@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from results.harness.records import RunRecord, finished, task_slug
+from results.harness.records import RunRecord, finished, slug, task_slug
+from results.one_context.error_curves import by_run, error_curves
 from results.one_context.final_rollouts import draw_final_rollouts
 from results.report.figure_style import ROOM, line_style, plain_axes, seeds_of
 from results.report.frames import curves_frame
@@ -32,7 +33,14 @@ def figures(
         name = task_slug(str(task))
         runs = [r for r in finished(records) if r.specification.task == task]
         drawn[f"curves_{name}.png"] = learning_curves(on_task, labels, runs[0].task.optimum)
-        drawn[f"rollouts_{name}.png"] = draw_final_rollouts(runs, labels)
+        variants = [str(variant) for variant in dict.fromkeys(on_task["variant"])]
+        if any(variants) and runs[0].task.error_unit:
+            unit = runs[0].task.error_unit
+            drawn[f"errors_{name}.png"] = error_curves(on_task, labels, unit)
+        for variant in variants:
+            chosen = [run for run in runs if run.specification.variant == variant]
+            ending = f"_{slug(variant)}" if variant else ""
+            drawn[f"rollouts_{name}{ending}.png"] = draw_final_rollouts(chosen, labels)
     return drawn
 
 
@@ -47,15 +55,15 @@ def learning_curves(
     """
     figure = Figure(figsize=(13, 4.8), layout="constrained")
     success, reward, final = figure.subplots(1, 3)
-    found = set(curves["label"])
+    found, what = set(curves["label"]), "run" if set(curves["variant"]) != {""} else "seed"
     shown = [label for label in labels if label in found]
     for label in shown:
         style = line_style(label, labels)
         chosen = curves.loc[curves["label"] == label]
-        n_seeds = chosen["seed"].nunique()
-        rate = by_seed(chosen, "greedy_success").mean(axis=1)
-        success.step(rate.index, rate, where="post", label=seeds_of(label, n_seeds), **style)
-        rewards = by_seed(chosen, "greedy_reward")
+        succeeds = by_run(chosen, "greedy_success")
+        rate, name = succeeds.mean(axis=1), seeds_of(label, succeeds.shape[1], what)
+        success.step(rate.index, rate, where="post", label=name, **style)
+        rewards = by_run(chosen, "greedy_reward")
         low, median, high = (rewards.quantile(q, axis=1) for q in (0.25, 0.5, 0.75))
         for axes in (reward, final):
             axes.step(median.index, median, where="post", **style)
@@ -63,11 +71,11 @@ def learning_curves(
                 median.index, low, high, step="post", color=style["color"], alpha=0.15, linewidth=0
             )
     task = str(curves["task"].iloc[0])
-    success.set(title="Seeds whose greedy policy succeeds", ylim=(-0.02, 1.02))
+    success.set(title=f"{what.capitalize()}s whose greedy policy succeeds", ylim=(-0.02, 1.02))
     success.yaxis.set_major_formatter(PercentFormatter(1.0))
     reward.set(title="Greedy reward: median, quartiles")
     final.set(title="The same, enlarged", ylim=enlarged_limits(curves))
-    for axes, unit in ((success, "seeds"), (reward, "reward"), (final, "reward")):
+    for axes, unit in ((success, f"{what}s"), (reward, "reward"), (final, "reward")):
         _finish(axes, max(curves["rollouts"].to_list()), unit)
     if optimum is not None:
         _mark(final, *optimum)
@@ -76,24 +84,12 @@ def learning_curves(
     return figure
 
 
-def by_seed(curves: pd.DataFrame, column: str) -> pd.DataFrame:
-    """Return a column with one row per count of rollouts and one column per seed.
-
-    A run that has no row at a count is where its last row left it.
-
-    :param curves: of one algorithm on one task
-    :param column: numbers or booleans
-    """
-    table = curves.pivot_table(index="rollouts", columns="seed", values=column, aggfunc="last")
-    return table.astype(float).ffill()
-
-
 def enlarged_limits(curves: pd.DataFrame) -> tuple[float, float]:
     """Return the limits of reward between which the solved runs differ.
 
     :param curves: of one task
     """
-    last = curves.sort_values("rollouts").groupby(["label", "seed"]).tail(1)
+    last = curves.sort_values("rollouts").groupby(["label", "variant", "seed"]).tail(1)
     solved = last["greedy_success"].to_numpy(bool)
     rewards = last["greedy_reward"].to_numpy(float)
     low, high = np.quantile(rewards[solved] if solved.any() else rewards, [0.1, 1.0])

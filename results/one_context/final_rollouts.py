@@ -22,9 +22,12 @@ MARKERS = {"start": ("o", 6), "goal": ("*", 11)}
 def draw_final_rollouts(runs: Sequence[RunRecord], labels: Sequence[str]) -> Figure:
     """Draw the executed trajectories of the final greedy policies, one column per algorithm.
 
+    Where the runs' contexts differ, only those in the context of the first seed are drawn.
+
     :param runs: finished ones of one task, at least one
     :param labels: the algorithms in the order of the columns
     """
+    runs = _in_one_scene(runs)
     found = {run.specification.label for run in runs}
     shown = [label for label in labels if label in found]
     styles = outcome_styles(runs)
@@ -39,13 +42,23 @@ def draw_final_rollouts(runs: Sequence[RunRecord], labels: Sequence[str]) -> Fig
         panels[0, column].set_title(_title(label, of_label), fontsize=10)
     _name_rows(list(panels[:, 0]), runs[0], planar)
     figure.suptitle(
-        f"{runs[0].specification.task}: executed trajectories of the final greedy policies, one "
-        "line per seed"
+        f"{_where(runs)}: executed trajectories of the final greedy policies, one line per seed"
     )
     looks = {**styles, **{name: DASHED for name in _dashed_labels(runs)}}
     handles = [Line2D([], [], label=name, **look) for name, look in looks.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
     return figure
+
+
+def _in_one_scene(runs: Sequence[RunRecord]) -> list[RunRecord]:
+    """Return the runs whose scene is that of the first seed; all of them where there is none."""
+    first = scene_of(min(runs, key=lambda run: run.specification.seed))
+    return [run for run in runs if scene_of(run) == first or first is None]
+
+
+def _where(runs: Sequence[RunRecord]) -> str:
+    asked = runs[0].specification
+    return f"{asked.task}, {asked.variant}" if asked.variant else asked.task
 
 
 def outcome(run: RunRecord) -> str:
@@ -113,24 +126,28 @@ def _draw_plane(
     panels: list[Axes], runs: Sequence[RunRecord], styles: Mapping[str, dict[str, Any]]
 ) -> None:
     (axes,) = panels
-    for scene in _different_scenes(runs):
-        _draw_scene(axes, scene)
+    scene = scene_of(runs[0]) or {}
+    _draw_scene(axes, scene)
     for run in runs:
-        path = np.array(greedy(run).executed)
+        path, along = np.array(greedy(run).executed), scene.get("along")
+        if along is not None:
+            path = np.column_stack([np.linspace(along["low"], along["high"], len(path)), path])
         axes.plot(*path.T, linewidth=1.2, alpha=_alpha(runs), **styles[outcome(run)])
     axes.set_aspect("equal")
-    axes.set_xlabel(runs[0].task.trajectory_names[0])
+    axes.set_xlabel(_axis_names(runs[0])[0])
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _different_scenes(runs: Sequence[RunRecord]) -> list[dict[str, Any]]:
-    scenes = {str(scene): scene for run in runs if (scene := scene_of(run)) is not None}
-    return list(scenes.values())
+def _axis_names(run: RunRecord) -> tuple[str, ...]:
+    """Return the names of the plane's axes."""
+    along = (scene_of(run) or {}).get("along")
+    names = run.task.trajectory_names
+    return names if along is None else (along["name"], *names)
 
 
 def _dashed_labels(runs: Sequence[RunRecord]) -> list[str]:
     """Return what the dashed circles mean."""
-    circles = (circle for scene in _different_scenes(runs) for circle in scene.get("circles", ()))
+    circles = (scene_of(runs[0]) or {}).get("circles", ())
     named = [c["label"] for c in circles if c.get("style") == "dashed" and c.get("label")]
     return list(dict.fromkeys(named))
 
@@ -149,6 +166,8 @@ def _draw_scene(axes: Axes, scene: Mapping[str, Any]) -> None:
         marker, size = MARKERS.get(name, ("s", 6))
         axes.plot(*point, marker, color="black", markersize=size)
         axes.annotate(name, tuple(point), (8, -4), textcoords="offset points", fontsize=9)
+    for target in scene.get("targets", ()):
+        axes.plot(*target, "o", color="black", markersize=5, zorder=3)
     axes.set(xlim=scene["limits"][0], ylim=scene["limits"][1])
 
 
@@ -166,6 +185,6 @@ def _draw_over_time(
 
 
 def _name_rows(panels: Sequence[Axes], run: RunRecord, planar: bool) -> None:
-    names = run.task.trajectory_names
-    for axes, name in zip(panels, names[1:2] if planar else names, strict=True):
+    names = _axis_names(run)[1:2] if planar else run.task.trajectory_names
+    for axes, name in zip(panels, names, strict=True):
         axes.set_ylabel(name)

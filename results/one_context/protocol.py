@@ -13,7 +13,10 @@ from results.harness.records import Curve
 
 @dataclass(frozen=True)
 class OneContext(Protocol):
-    """Search a trajectory for one context, which the run's seed draws; nothing is shown."""
+    """Search a trajectory for one context, which the run's seed draws.
+
+    Nothing is shown, or the initial trajectory to an algorithm that needs a demonstration.
+    """
 
     name: ClassVar[str] = "one-context"
 
@@ -25,7 +28,8 @@ class OneContext(Protocol):
         """
         context = run.task.sample_context(np.random.default_rng(run.seed))
         evaluation = GreedyEvaluation(run.task, context, on_rollouts)
-        return PreparedRun(run.environments(context), evaluation, run.task_record)
+        shown = run.initial(context) if run.shown_initial else None
+        return PreparedRun(run.environments(context), evaluation, run.task_record, shown)
 
     def headline(self, curve: Curve) -> str:
         """Say whether the run solved its context, and its last greedy reward.

@@ -4,13 +4,16 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from results.harness.records import RunRecord
 from results.report.frames import OUTCOME_COLUMNS, outcome_row, rollouts_to_success, summarise_by
 from results.report.statistics import (
     interquartile_mean,
     interquartile_mean_interval,
+    mean_interval,
     named,
     probability_of_improvement,
     quantile,
@@ -21,6 +24,7 @@ from results.report.statistics import (
 VIEWS = ("greedy", "best")  # what is measured: the greedy policy, the best rollout so far
 COLUMNS = (
     *OUTCOME_COLUMNS,
+    "unit",
     *(f"{view}_{what}" for view in VIEWS for what in ("solved", "rollouts", "reward")),
     "any_rollouts",
 )
@@ -32,7 +36,7 @@ def frame(records: Sequence[RunRecord]) -> pd.DataFrame:
     For each of `VIEWS`, ``<view>_solved`` tells whether it succeeds at the budget's end,
     ``<view>_rollouts`` after how many rollouts it did for good (infinity if not), and
     ``<view>_reward`` its last reward; ``any_rollouts`` counts the rollouts to the first success of
-    any rollout.
+    any rollout. ``unit`` is that of minus the reward, where that is an error.
 
     :param records: of finished and failed runs
     """
@@ -42,10 +46,46 @@ def frame(records: Sequence[RunRecord]) -> pd.DataFrame:
 def summarise(runs: pd.DataFrame, labels: Iterable[str] | None = None) -> pd.DataFrame:
     """Return one row per task and algorithm: how well its runs ended, after how many rollouts.
 
+    Where a task has variants, rows for each of them follow; ``variant`` is empty in the rows about
+    all of them together.
+
     :param runs: of `frame`
     :param labels: the algorithms in the order of the rows; those of ``runs`` by default
     """
-    return summarise_by(runs, ["task"], labels, _numbers)
+    shown = None if labels is None else list(labels)
+    together = summarise_by(runs, ["task"], shown, _numbers)
+    together.insert(1, "variant", "")
+    varied = runs.loc[runs["variant"] != ""]
+    if varied.empty:
+        return together
+    each = summarise_by(varied, ["task", "variant"], shown, _numbers)
+    return pd.concat([together, each], ignore_index=True)
+
+
+def compare_in_contexts(runs: pd.DataFrame, reference: str) -> pd.DataFrame:
+    """Return how far the reference's errors are below each other algorithm's, context by context.
+
+    The mean over pairs of runs with the same task, variant and seed, and so the same context, with
+    its 95 % bootstrap interval over these pairs. A column for each of `VIEWS`; ``pairs`` counts.
+
+    :param runs: of `frame`
+    :param reference: the label of the algorithm that is compared with the others
+    """
+    done = runs.loc[(runs["outcome"] == "finished") & (runs["unit"] != "")]
+    rows = []
+    for (task, unit), on_task in done.groupby(["task", "unit"]):
+        ours = on_task.loc[on_task["label"] == reference]
+        for label in sorted(set(on_task["label"]) - {reference}):
+            theirs = on_task.loc[on_task["label"] == label]
+            pairs = ours.merge(theirs, on=["variant", "seed"])
+            if pairs.empty:
+                continue
+            row = {"task": task, "unit": unit, "reference": reference, "label": label}
+            for view in VIEWS:
+                gains = (pairs[f"{view}_reward_x"] - pairs[f"{view}_reward_y"]).to_numpy(float)
+                row |= _mean(f"{view}_gain", gains)
+            rows.append(row | {"pairs": len(pairs)})
+    return pd.DataFrame(rows)
 
 
 def compare(runs: pd.DataFrame, reference: str) -> pd.DataFrame:
@@ -84,12 +124,19 @@ def _run_row(record: RunRecord) -> dict[str, Any]:
     if not record.finished:
         return row
     curve = record.curve
+    row["unit"] = record.task.error_unit
     for view in VIEWS:
         rollouts = rollouts_to_success(curve["rollouts"], curve[f"{view}_success"])
         row[f"{view}_rollouts"] = rollouts
         row[f"{view}_solved"] = math.isfinite(rollouts)
         row[f"{view}_reward"] = curve[f"{view}_reward"][-1]
     return row | {"any_rollouts": rollouts_to_success(curve["rollouts"], curve["any_success"])}
+
+
+def _mean(name: str, values: NDArray[np.float64]) -> dict[str, float]:
+    """Return the mean, and the ends of its 95 % bootstrap interval as ``<name>_low`` and so on."""
+    interval = (float(end) for end in mean_interval(values))
+    return {name: float(values.mean()), **named(name, ("low", "high"), interval)}
 
 
 def _numbers(done: pd.DataFrame) -> dict[str, Any]:
@@ -100,6 +147,7 @@ def _numbers(done: pd.DataFrame) -> dict[str, Any]:
         row |= named(f"{view}_solved", ("low", "high"), success_interval(solved, len(done)))
         row |= quartiles(f"{view}_rollouts", done[f"{view}_rollouts"])
         row |= named(f"{view}_iqm", ("low", "high"), interquartile_mean_interval(rewards))
+        row |= _mean(f"{view}_mean", rewards)
         row |= {
             f"{view}_solved": solved,
             f"{view}_reward_median": quantile(rewards, 0.5),

@@ -6,17 +6,12 @@ from typing import Any
 
 import pandas as pd
 
-from results.one_context.summary import VIEWS, compare, summarise
+from results.one_context.summary import VIEWS, compare, compare_in_contexts, summarise
 from results.report.footnotes import page, rollouts_cell
 from results.report.text_table import NOT_APPLICABLE, Cell, Page, Section, TextTable, row_cells
 
 COLUMNS = ("solved", "rollouts", "reward", "IQM")  # of each view
-HEADER = (
-    "algorithm",
-    "seeds",
-    *(f"{view}\n{column}" for view in VIEWS for column in COLUMNS),
-    "time\n[s]",
-)
+HEADER = (*(f"{view}\n{column}" for view in VIEWS for column in COLUMNS), "time\n[s]")
 NOTES = (
     "greedy: the policy that the rollouts so far gave, predict(context, deterministic=True), run "
     "in a task of its own and not counted. best: the rollout of largest reward so far.",
@@ -36,11 +31,57 @@ def tables(runs: pd.DataFrame, labels: Sequence[str] | None = None) -> Page:
     """
     made = []
     for task, summary in summarise(runs, labels).groupby("task"):
-        rows = tuple(_row(row) for row in summary.to_dict("records"))
-        breaks = (2 + len(COLUMNS),)
-        made.append(TextTable(_title(str(task), runs), HEADER, rows, breaks))
+        on_task = runs.loc[runs["task"] == task]
+        rows = tuple(_row(row) for row in summary.loc[summary["variant"] == ""].to_dict("records"))
+        header, breaks = (*_head(on_task), *HEADER), (2 + len(COLUMNS),)
+        made.append(TextTable(_title(str(task), on_task), header, rows, breaks))
+        units = set(on_task["unit"].dropna()) - {""}
+        made += [error_table(str(task), summary, _head(on_task), unit) for unit in units]
     reference = (list(labels or []) or sorted(set(runs["label"])))[0]
     return page(made, runs, NOTES, Section("Comparisons", comparisons(runs, reference)))
+
+
+def error_table(task: str, summary: pd.DataFrame, head: tuple[str, str], unit: str) -> TextTable:
+    """Return the mean errors at the end of the budget: of all runs, and of each variant.
+
+    :param task: its id
+    :param summary: of the task's runs
+    :param head: of the first two columns
+    :param unit: of minus the reward
+    """
+    variants = [str(variant) for variant in dict.fromkeys(summary["variant"])]
+    columns = [(view, variant) for view in VIEWS for variant in variants]
+    cells = {
+        (row["label"], row["variant"]): {view: _error(row, view) for view in VIEWS}
+        for row in summary.to_dict("records")
+    }
+    rows = tuple(
+        (
+            *row_cells(row["label"], str(row["seeds"]), row["failed"]),
+            *(cells[row["label"], variant][view] for view, variant in columns),
+        )
+        for row in summary.loc[summary["variant"] == ""].to_dict("records")
+    )
+    header = (*head, *(f"{view}\n{variant or 'all'}" for view, variant in columns))
+    title = f"{task}, mean error at the end of the budget [{unit}], 95 % bootstrap interval"
+    return TextTable(title, header, rows, (2 + len(variants),))
+
+
+def _error(row: Mapping[Hashable, Any], view: str) -> Cell:
+    """Return a mean error, and its interval."""
+    if row["reason"]:
+        return row["reason"], ""
+    low, high = (0.0 - row[f"{view}_mean_{end}"] for end in ("high", "low"))  # -0 would show
+    return f"{0.0 - row[f'{view}_mean']:.4f}", _interval(low, high, digits=4)
+
+
+def _interval(low: float, high: float, digits: int) -> str:
+    return "one seed" if math.isnan(low) else f"[{low:.{digits}f},{high:.{digits}f}]"
+
+
+def _head(runs: pd.DataFrame) -> tuple[str, str]:
+    """Return the header of the first two columns; with variants, a seed has several runs."""
+    return "algorithm", "runs" if set(runs["variant"]) != {""} else "seeds"
 
 
 def comparisons(runs: pd.DataFrame, reference: str) -> list[str]:
@@ -54,7 +95,17 @@ def comparisons(runs: pd.DataFrame, reference: str) -> list[str]:
         f"{_probability(row, 'reward')} in final greedy reward, "
         f"{_probability(row, 'rollouts')} in rollouts to success."
         for row in compare(runs, reference).to_dict("records")
+    ] + [
+        f"{row['reference']}'s mean error is lower than {row['label']}'s by "
+        f"{_gain(row, 'greedy')} with the greedy policy, {_gain(row, 'best')} with the best "
+        f"rollout, over the {row['pairs']} contexts that both were given."
+        for row in compare_in_contexts(runs, reference).to_dict("records")
     ]
+
+
+def _gain(row: Mapping[Hashable, Any], view: str) -> str:
+    interval = _interval(row[f"{view}_gain_low"], row[f"{view}_gain_high"], digits=4)
+    return f"{row[f'{view}_gain']:.4f} {row['unit']} ({interval})"
 
 
 def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
@@ -71,7 +122,7 @@ def _cells(row: Mapping[Hashable, Any], view: str) -> tuple[Cell, ...]:
     percent = f"{100 * row[f'{view}_solved_low']:.0f}–{100 * row[f'{view}_solved_high']:.0f} %"
     counts = {end: row[f"{view}_rollouts_{end}"] for end in ("median", "q25", "q75")}
     low, high = row[f"{view}_iqm_low"], row[f"{view}_iqm_high"]
-    interval = "one seed" if math.isnan(low) else f"[{low:.4f},{high:.4f}]"
+    interval = _interval(low, high, digits=4)
     reward, mean = (f"{row[f'{view}_{name}']:.4f}" for name in ("reward_median", "iqm"))
     return (
         (f"{row[f'{view}_solved']:.0f}/{row['seeds']}", percent),
@@ -88,5 +139,5 @@ def _probability(row: Mapping[Hashable, Any], name: str) -> str:
 
 
 def _title(task: str, runs: pd.DataFrame) -> str:
-    budgets = ", ".join(str(b) for b in sorted(set(runs.loc[runs["task"] == task, "budget"])))
+    budgets = ", ".join(str(b) for b in sorted(set(runs["budget"])))
     return f"{task}, budget {budgets} rollouts"

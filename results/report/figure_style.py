@@ -30,7 +30,7 @@ def line_style(label: str, labels: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def seeds_of(label: str, n_seeds: int) -> str:
+def seeds_of(label: str, n_seeds: int, what: str = "seed") -> str:
     """Return a legend's entry: the algorithm and its number of seeds.
 
     >>> seeds_of("GA", 1)
@@ -38,8 +38,9 @@ def seeds_of(label: str, n_seeds: int) -> str:
 
     :param label: the algorithm's
     :param n_seeds: how many of its runs are shown
+    :param what: is counted, where that is not seeds
     """
-    return f"{label} ({n_seeds} seed{'s' if n_seeds != 1 else ''})"
+    return f"{label} ({n_seeds} {what}{'s' if n_seeds != 1 else ''})"
 
 
 def logarithmic_from_zero(axes: Axes, first: float) -> None:

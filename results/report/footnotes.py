@@ -28,11 +28,13 @@ def failures(runs: pd.DataFrame) -> list[str]:
 
     :param runs: one row per run
     """
-    failed = runs.loc[runs["outcome"] == "failed"].sort_values(["task", "label", "seed"])
+    order = ["task", "variant", "label", "seed"]
+    failed = runs.loc[runs["outcome"] == "failed"].sort_values(order)
     seeds: dict[str, list[str]] = {}
     for row in failed.to_dict("records"):
         target = f", target {row['target']}" if row.get("target") is not None else ""
-        what = f"{row['label']} on {row['task']}{target}: {' '.join(row['reason'].split())}"
+        where = f"{row['task']}{', ' if row['variant'] else ''}{row['variant']}{target}"
+        what = f"{row['label']} on {where}: {' '.join(row['reason'].split())}"
         seeds.setdefault(what, []).append(str(row["seed"]))
     return [f"{what} (seeds {', '.join(found)})" for what, found in seeds.items()]
 
@@ -66,6 +68,7 @@ def origins(runs: pd.DataFrame) -> list[str]:
         notes.append(f"Budgets differ: {listed} rollouts.")
     finished = runs.loc[runs["outcome"] == "finished"]
     keys = [key for key in ("seed", "target") if key in runs]
+    keys += ["variant"] if set(runs["variant"]) != {""} else []
     groups = finished.groupby(["task", "label"])
     if len({frozenset(map(tuple, group[keys].to_numpy())) for _, group in groups}) > 1:
         what = " and ".join(f"{key}s" for key in keys)

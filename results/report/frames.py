@@ -9,8 +9,8 @@ import pandas as pd
 from results.harness.records import RunRecord, finished
 
 OUTCOME_COLUMNS = (
-    "task", "label", "description", "seed", "budget", "outcome", "reason", "commit", "dirty",
-    "training_seconds",
+    "task", "variant", "label", "description", "seed", "budget", "outcome", "reason", "commit",
+    "dirty", "training_seconds",
 )  # fmt: skip
 
 
@@ -20,14 +20,15 @@ def outcome_row(record: RunRecord) -> dict[str, Any]:
     :param record: of a finished or failed run; ``reason`` tells why it failed
     """
     asked, origin = record.specification, record.provenance
-    row = {key: getattr(asked, key) for key in ("task", "label", "description", "seed", "budget")}
+    asked_for = ("task", "variant", "label", "description", "seed", "budget")
+    row = {key: getattr(asked, key) for key in asked_for}
     row |= {"outcome": record.outcome, "commit": origin.commit, "dirty": origin.dirty}
     training = record.seconds.training if record.finished else math.nan
     return row | {"reason": record.reason, "training_seconds": training}
 
 
 def curves_frame(records: Sequence[RunRecord]) -> pd.DataFrame:
-    """Return the curves of the finished runs, one row per step, with label, task, seed and context.
+    """Return the curves of the finished runs, one row per step, with what tells runs apart.
 
     :param records: of finished and failed runs
     """
@@ -35,6 +36,7 @@ def curves_frame(records: Sequence[RunRecord]) -> pd.DataFrame:
         pd.DataFrame(record.curve).assign(
             label=record.specification.label,
             task=record.specification.task,
+            variant=record.specification.variant,
             seed=record.specification.seed,
             target=record.specification.protocol.number,
             kind=record.specification.protocol.kind,
