@@ -155,9 +155,10 @@ def test_the_summary_is_of_all_runs_and_of_each_variant() -> None:
 def test_runs_are_compared_in_the_contexts_that_both_were_given() -> None:
     (row,) = compare_in_contexts(frame(example()), "A").to_dict("records")
     assert (row["label"], row["pairs"], row["unit"]) == ("B", 2, "m")
-    assert row["greedy_gain"] == pytest.approx((0.2 + 0.0) / 2)
-    assert row["best_gain"] == pytest.approx((0.3 + 0.1) / 2)
-    assert (row["best_gain_low"], row["best_gain_high"]) == pytest.approx((0.1, 0.3))
+    assert row["greedy_difference"] == pytest.approx(-(0.2 + 0.0) / 2)
+    assert row["best_difference"] == pytest.approx(-(0.3 + 0.1) / 2)
+    ends = row["best_difference_low"], row["best_difference_high"]
+    assert ends == pytest.approx((-0.3, -0.1))
 
 
 def test_the_page_has_mean_errors_of_all_runs_and_of_each_variant() -> None:
@@ -171,7 +172,7 @@ def test_the_page_has_mean_errors_of_all_runs_and_of_each_variant() -> None:
     assert errors.rows[0][4] == ("0.6000", "one seed")
     assert errors.rows[2][2] == ("not run", "") and table.header[1] == "runs"
     text = page.markdown()
-    assert "A's mean error is lower than B's by 0.1000 m ([0.0000,0.2000])" in text
+    assert "A's mean error minus B's in the 2 contexts that both were given: -0.1000 m (" in text
     assert "B on nmp/ViaPoints-v0, 2 points: RuntimeError: singular (seeds 1)" in text
     assert "The algorithms' finished seeds and variants differ" in text
 

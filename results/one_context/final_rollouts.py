@@ -128,12 +128,13 @@ def _draw_plane(
     (axes,) = panels
     scene = scene_of(runs[0]) or {}
     _draw_scene(axes, scene)
+    along = scene.get("along")
     for run in runs:
-        path, along = np.array(greedy(run).executed), scene.get("along")
+        path = np.array(greedy(run).executed)
         if along is not None:
             path = np.column_stack([np.linspace(along["low"], along["high"], len(path)), path])
         axes.plot(*path.T, linewidth=1.2, alpha=_alpha(runs), **styles[outcome(run)])
-    axes.set_aspect("equal")
+    axes.set_aspect("equal" if along is None else "auto")
     axes.set_xlabel(_axis_names(runs[0])[0])
     axes.spines[["top", "right"]].set_visible(False)
 

@@ -63,10 +63,11 @@ def summarise(runs: pd.DataFrame, labels: Iterable[str] | None = None) -> pd.Dat
 
 
 def compare_in_contexts(runs: pd.DataFrame, reference: str) -> pd.DataFrame:
-    """Return how far the reference's errors are below each other algorithm's, context by context.
+    """Return the reference's error minus each other algorithm's, context by context.
 
-    The mean over pairs of runs with the same task, variant and seed, and so the same context, with
-    its 95 % bootstrap interval over these pairs. A column for each of `VIEWS`; ``pairs`` counts.
+    The mean difference over pairs of runs with the same task, variant and seed, and so the same
+    context, with its 95 % bootstrap interval over these pairs. A column for each of `VIEWS`;
+    ``pairs`` counts.
 
     :param runs: of `frame`
     :param reference: the label of the algorithm that is compared with the others
@@ -82,8 +83,8 @@ def compare_in_contexts(runs: pd.DataFrame, reference: str) -> pd.DataFrame:
                 continue
             row = {"task": task, "unit": unit, "reference": reference, "label": label}
             for view in VIEWS:
-                gains = (pairs[f"{view}_reward_x"] - pairs[f"{view}_reward_y"]).to_numpy(float)
-                row |= _mean(f"{view}_gain", gains)
+                differences = pairs[f"{view}_reward_y"] - pairs[f"{view}_reward_x"]
+                row |= _mean(f"{view}_difference", differences.to_numpy(float))
             rows.append(row | {"pairs": len(pairs)})
     return pd.DataFrame(rows)
 

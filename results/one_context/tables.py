@@ -72,11 +72,11 @@ def _error(row: Mapping[Hashable, Any], view: str) -> Cell:
     if row["reason"]:
         return row["reason"], ""
     low, high = (0.0 - row[f"{view}_mean_{end}"] for end in ("high", "low"))  # -0 would show
-    return f"{0.0 - row[f'{view}_mean']:.4f}", _interval(low, high, digits=4)
+    return f"{0.0 - row[f'{view}_mean']:.4f}", _interval(low, high)
 
 
-def _interval(low: float, high: float, digits: int) -> str:
-    return "one seed" if math.isnan(low) else f"[{low:.{digits}f},{high:.{digits}f}]"
+def _interval(low: float, high: float) -> str:
+    return "one seed" if math.isnan(low) else f"[{low:.4f},{high:.4f}]"
 
 
 def _head(runs: pd.DataFrame) -> tuple[str, str]:
@@ -96,16 +96,17 @@ def comparisons(runs: pd.DataFrame, reference: str) -> list[str]:
         f"{_probability(row, 'rollouts')} in rollouts to success."
         for row in compare(runs, reference).to_dict("records")
     ] + [
-        f"{row['reference']}'s mean error is lower than {row['label']}'s by "
-        f"{_gain(row, 'greedy')} with the greedy policy, {_gain(row, 'best')} with the best "
-        f"rollout, over the {row['pairs']} contexts that both were given."
+        f"{row['reference']}'s mean error minus {row['label']}'s in the {row['pairs']} contexts "
+        f"that both were given: {_difference(row, 'greedy')} with the greedy policy, "
+        f"{_difference(row, 'best')} with the best rollout."
         for row in compare_in_contexts(runs, reference).to_dict("records")
     ]
 
 
-def _gain(row: Mapping[Hashable, Any], view: str) -> str:
-    interval = _interval(row[f"{view}_gain_low"], row[f"{view}_gain_high"], digits=4)
-    return f"{row[f'{view}_gain']:.4f} {row['unit']} ({interval})"
+def _difference(row: Mapping[Hashable, Any], view: str) -> str:
+    low, high = row[f"{view}_difference_low"], row[f"{view}_difference_high"]
+    interval = "one seed" if math.isnan(low) else f"{low:+.4f} to {high:+.4f}"
+    return f"{row[f'{view}_difference']:+.4f} {row['unit']} ({interval})"
 
 
 def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
@@ -122,7 +123,7 @@ def _cells(row: Mapping[Hashable, Any], view: str) -> tuple[Cell, ...]:
     percent = f"{100 * row[f'{view}_solved_low']:.0f}–{100 * row[f'{view}_solved_high']:.0f} %"
     counts = {end: row[f"{view}_rollouts_{end}"] for end in ("median", "q25", "q75")}
     low, high = row[f"{view}_iqm_low"], row[f"{view}_iqm_high"]
-    interval = _interval(low, high, digits=4)
+    interval = _interval(low, high)
     reward, mean = (f"{row[f'{view}_{name}']:.4f}" for name in ("reward_median", "iqm"))
     return (
         (f"{row[f'{view}_solved']:.0f}/{row['seeds']}", percent),
