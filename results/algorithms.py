@@ -5,6 +5,12 @@ from results.harness.specification import Algorithm
 RCNMP = Algorithm("rcnmp", "sb3_nmp:RCNMP", description="reward-conditioned neural process")
 ACNMP = Algorithm("acnmp", "sb3_nmp:ACNMP", description="adaptive conditional neural process")
 GA = Algorithm("ga", "baselines:GA", description="RC-NMP's operators without the network")
+JUDGED_GA = Algorithm(
+    "ga",
+    "baselines:GA",
+    settings={"n_candidates": 10},
+    description="the same, ten candidates for each rollout judged by Gaussian processes",
+)
 DREPS = Algorithm("dreps", "baselines:DREPS", description="dual REPS, repelled by bad clusters")
 REPS = Algorithm("reps", "baselines:REPS", description="relative entropy policy search")
 CMAES = Algorithm(

@@ -14,7 +14,14 @@ from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.pd_controller import PDController
 from sb3_nmp.models.cnmp import CNMPArchitecture
 from sb3_nmp.models.cnmp_training import CNMPPretraining
-from sb3_nmp.rcnmp import RCNMP, RCNMPAchievement, RCNMPPolicy, RCNMPSkill, RCNMPTraining
+from sb3_nmp.rcnmp import (
+    RCNMP,
+    RCNMPAchievement,
+    RCNMPPolicy,
+    RCNMPRewardModel,
+    RCNMPSkill,
+    RCNMPTraining,
+)
 
 __all__ = [
     "ACNMP",
@@ -33,6 +40,7 @@ __all__ = [
     "PDController",
     "RCNMPAchievement",
     "RCNMPPolicy",
+    "RCNMPRewardModel",
     "RCNMPSkill",
     "RCNMPTraining",
     "SmoothNoise",

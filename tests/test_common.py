@@ -15,8 +15,8 @@ from sb3_nmp.common.buffer import TrajectoryBuffer, scale_rewards, selection_wei
 from sb3_nmp.common.elites import EliteMemory
 from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
 from sb3_nmp.common.noise import SmoothNoise
+from sb3_nmp.common.operators import blend
 from sb3_nmp.common.pd_controller import PDController
-from sb3_nmp.common.population import blend
 from sb3_nmp.models.neural_process import NeuralProcess
 
 REWARDS = arrays(np.int64, st.integers(1, 60), elements=st.integers(-999, 999)).map(
@@ -143,8 +143,9 @@ def test_crossover_gives_both_children_of_two_different_parents() -> None:
     np.testing.assert_array_equal(after[::2], before[1::2])
     np.testing.assert_array_equal(cuts[::2], cuts[1::2])
     assert cuts.min() >= 1 and cuts.max() <= 99
-    child = blend(np.zeros((100, 2)), np.ones((100, 2)), 30)
-    assert child[:30].max() == 0.0 and child[30:].min() == 1.0
+    children = blend(np.zeros((2, 100, 2)), np.ones((2, 100, 2)), np.array([30, 100]))
+    assert children[0, :30].max() == 0.0 and children[0, 30:].min() == 1.0
+    assert children[1].max() == 0.0
 
 
 # -- replay buffer ---------------------------------------------------------------------------------

@@ -106,9 +106,7 @@ def test_the_first_rollout_is_the_initial_trajectory_and_its_reward_counts() -> 
 
 def test_children_come_in_pairs_with_swapped_parents_and_one_cut() -> None:
     model = learned(10)
-    model._draw_members()
-    plan = model._parents
-    assert plan is not None
+    plan = model._draw_parents(10, 6)
     children, twins = slice(4, 7), slice(7, 10)
     for array in (plan.latents, plan.rows):
         np.testing.assert_array_equal(array[0, children], array[1, twins])
@@ -116,18 +114,18 @@ def test_children_come_in_pairs_with_swapped_parents_and_one_cut() -> None:
     np.testing.assert_array_equal(plan.cuts[children], plan.cuts[twins])
     assert (plan.cuts[:4] == 200).all() and (plan.cuts[4:] < 200).all()
     assert (plan.rows[:, :4] == -1).all(), "sampled members come from the network alone"
-    context = BOTTLES.astype(np.float32)
-    cut, child = int(plan.cuts[4]), model._member(4, context)
-    np.testing.assert_array_equal(child[:cut], model._parent(0, 4, context)[:cut])
-    np.testing.assert_array_equal(child[cut:], model._parent(1, 4, context)[cut:])
+    model._draw_parents = lambda n, n_crossover: plan
+    made, cut = model._offspring(10, 6), int(plan.cuts[4])
+    first, second = (model._parent(plan.latents[i], plan.rows[i]) for i in (0, 1))
+    np.testing.assert_array_equal(made[4, :cut], first[4, :cut])
+    np.testing.assert_array_equal(made[4, cut:], second[4, cut:])
 
 
 def test_elite_parents_can_be_all_or_none() -> None:
     for share, stored in ((0.0, False), (1.0, True)):
-        model = learned(10, elite_parents=share)
-        model._draw_members()
-        assert model._parents is not None
-        assert ((model._parents.rows[:, 4:] >= 0) == stored).all()
+        plan = learned(10, elite_parents=share)._draw_parents(10, 6)
+        assert ((plan.rows[:, 4:] >= 0) == stored).all()
+        assert (plan.rows[:, :4] == -1).all()
 
 
 def test_every_trajectory_passes_the_pd_controller_and_ends_near_the_goal() -> None:

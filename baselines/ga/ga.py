@@ -11,8 +11,11 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv
 
 from baselines.ga.policies import GAPolicy
+from baselines.ga.skill import NEWEST, gaussian_process
 from sb3_nmp.common.buffer import selection_weights
-from sb3_nmp.common.population import PopulationArguments, PopulationSearch, blend
+from sb3_nmp.common.judging import Wanted, features
+from sb3_nmp.common.operators import blend
+from sb3_nmp.common.population import PopulationArguments, PopulationSearch
 
 
 class GAArguments(PopulationArguments, total=False):
@@ -23,13 +26,15 @@ class GAArguments(PopulationArguments, total=False):
     mutation_decay: float
     n_explorers: int
     temperature: float
+    n_candidates: int
 
 
 class GA(PopulationSearch):
     """Genetic algorithm on trajectories: parents drawn by rank, crossover in time, mutation.
 
-    It is `sb3_nmp.RCNMP` without its network: where RC-NMP decodes a latent, this copies a stored
-    rollout, drawn by its place among all of them.
+    It is `sb3_nmp.RCNMP` without its networks: where RC-NMP decodes a latent, this copies a stored
+    rollout, drawn by its place among all of them. By default all that is made is executed; with
+    several candidates for each member, Gaussian processes judge them.
 
     >>> import benchmark_envs
     >>> GA("MlpPolicy", "nmp/Bottles-v0", population_size=10, n_crossover=8).learn(20).num_timesteps
@@ -38,36 +43,36 @@ class GA(PopulationSearch):
 
     policy: GAPolicy
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MlpPolicy": GAPolicy}
-    #: the stored rollouts that members copy, and those before and after each child's cut
-    _parents: NDArray[np.int_]
-    _before: NDArray[np.int_]
-    _after: NDArray[np.int_]
-    _cuts: NDArray[np.int_]
 
     def __init__(
         self, policy: str | type[GAPolicy], env: GymEnv | str, **shared: Unpack[GAArguments]
     ) -> None:
         super().__init__(policy, env, **shared)
 
-    def _draw_members(self) -> None:
-        """Draw a stored rollout for each member, and a second one for crossover children."""
-        weights = selection_weights(self.replay_buffer.rewards, self.temperature)
-        n = self.population_size
-        self._parents = self.rng.choice(len(self.replay_buffer), n, p=weights)
+    def _offspring(self, n: int, n_crossover: int) -> NDArray[np.float64]:
+        """Copy stored rollouts, and cross pairs of the copies over."""
+        buffer = self.replay_buffer
+        weights = selection_weights(buffer.rewards, self.temperature)
+        rows = self.rng.choice(len(buffer), n, p=weights)
         before, after, cuts = crossover_pairs(
-            self.rng, n, self.n_crossover, self.policy.trajectory_shape[0]
+            self.rng, n, n_crossover, self.policy.trajectory_shape[0]
         )
-        self._before, self._after = self._parents[before], self._parents[after]
-        self._cuts = cuts
+        stored = buffer.trajectories
+        made = stored[rows].astype(np.float64)
+        made[n - n_crossover :] = blend(stored[rows[before]], stored[rows[after]], cuts)
+        return made
 
-    def _member(self, member: int, context: NDArray[np.float32]) -> NDArray[np.float64]:
-        del context  # parents are rollouts of any context
-        stored = self.replay_buffer.trajectories
-        if member < self.n_plain:
-            return stored[self._parents[member]].astype(np.float64)
-        child = member - self.n_plain
-        before, after = stored[self._before[child]], stored[self._after[child]]
-        return blend(before, after, int(self._cuts[child])).astype(np.float64)
+    def _promise(self, trajectories: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Let Gaussian processes judge, in the place of RC-NMP's networks."""
+        buffer = self.replay_buffer
+        known, asked = features(buffer.trajectories[-NEWEST:], trajectories)
+        wanted = Wanted.of(buffer.rewards[-NEWEST:], buffer.successes[-NEWEST:])
+        if not wanted.is_split:
+            return gaussian_process(known, wanted.score[:, None], asked).T
+        success = gaussian_process(known, wanted.success[:, None], asked)
+        rows = np.flatnonzero(wanted.success)
+        value = gaussian_process(known[rows], wanted.score[rows, None], asked)
+        return np.log(np.clip(success, 1e-3, 1.0)).T + value.T
 
 
 def crossover_pairs(

@@ -16,7 +16,7 @@ class Recipe:
 
     >>> from results.suites import find_recipe
     >>> list(find_recipe("quick").algorithms)
-    ['RC-NMP', 'GA', 'DREPS', 'REPS']
+    ['RC-NMP', 'GA', 'GA, judged', 'DREPS', 'REPS']
 
     :param algorithms: by label, in the order of the tables
     :param tasks: task settings by task id

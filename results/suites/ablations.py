@@ -22,6 +22,7 @@ def rcnmp(**settings: object) -> Algorithm:
 ALGORITHMS = {
     "RC-NMP": RCNMP,
     "no explorer": rcnmp(n_explorers=0),
+    "no reward model": rcnmp(n_candidates=1),
     "no network (GA)": GA,
     "no crossover": rcnmp(n_crossover=0),
     "latent parents only": rcnmp(elite_parents=0.0),

@@ -1,11 +1,11 @@
 """`PopulationSearch`: what RC-NMP shares with a genetic search without a network.
 
 Replay buffer, elites, mutation by smooth noise and the PD controller (thesis 6.1: I, V, VI). A
-subclass supplies where a member's trajectory comes from before it is mutated.
+subclass supplies offspring before they are mutated, and may judge what they promise.
 """
 
 from abc import abstractmethod
-from typing import Any, Unpack, cast
+from typing import Unpack, cast
 
 import numpy as np
 import torch as th
@@ -21,6 +21,7 @@ from sb3_nmp.common.buffered import BufferedAlgorithm
 from sb3_nmp.common.contextual import ContextualExploration, ContextualSearch, Experience, Skill
 from sb3_nmp.common.elites import SAME_CONTEXT
 from sb3_nmp.common.noise import SmoothNoise
+from sb3_nmp.common.operators import take_turns
 from sb3_nmp.common.pd_controller import PDController
 from sb3_nmp.common.policies import ElitePolicy
 from sb3_nmp.common.rollouts import Generation
@@ -43,8 +44,9 @@ class PopulationSearch(BufferedAlgorithm):
     """A search by populations around the best rollouts so far.
 
     The first generation executes the initial trajectories as they are and, for the rest of the
-    members, mutated; later ones mutate what the subclass proposes. Every trajectory passes the PD
-    controller before it is executed and stored.
+    members, mutated; later ones mutate offspring of what is stored. Every trajectory passes the PD
+    controller before it is executed and stored. With several candidates for each member, those are
+    executed that promise most.
 
     So much for one context. On an environment that draws contexts, a generation tries the present
     answer in new ones, with noise, and the policy's skill learns from what was right anywhere
@@ -59,6 +61,8 @@ class PopulationSearch(BufferedAlgorithm):
         exp(-place / temperature), where the best has place 0; ``math.inf`` draws all alike
     :param demonstrations: whose trajectories the search starts from, whatever their contexts;
         None starts from the environment's ``initial_trajectory``. They are not saved with the model
+    :param n_candidates: trajectories that are made for each member, of which one is executed; 1
+        executes all that are made
     :param mutation: noise of the first generation, in units of ``exploration_scale``; None switches
         it off
     :param mutation_rate: probability with which each of the noise's bases takes part, after the
@@ -84,6 +88,7 @@ class PopulationSearch(BufferedAlgorithm):
         n_explorers: int = 0,
         temperature: float = 2.0,
         learning_rate: float | Schedule = 0.0,
+        n_candidates: int = 1,
         mutation: SmoothNoise | None = SmoothNoise(),  # noqa: B008 (frozen)
         mutation_rate: float = 0.5,
         pd_controller: PDController | None = PDController(),  # noqa: B008 (frozen)
@@ -96,27 +101,32 @@ class PopulationSearch(BufferedAlgorithm):
         self.contextual, self.relabel = contextual, relabel
         self._search: ContextualSearch | None = None
         self._varies: bool | None = None
-        self.n_crossover, self.mutation = n_crossover, mutation
+        self.n_crossover, self.n_candidates = n_crossover, n_candidates
+        self.mutation = mutation
         self.mutation_rate, self.mutation_decay = mutation_rate, mutation_decay
         self.n_explorers, self.temperature = n_explorers, temperature
         self.pd_controller = pd_controller
         self.buffer_size, self.n_elites = buffer_size, n_elites
         self._initial: NDArray[np.float64] | None = None
+        self._members: NDArray[np.float64] | None = None
         self._noise: NDArray[np.float64] | None = None
         super().__init__(
             policy, env, population_size=population_size, learning_rate=learning_rate, **shared
         )
 
     @abstractmethod
-    def _draw_members(self) -> None:
-        """Draw what the next generation's members are made of; the buffer is not empty."""
+    def _offspring(self, n: int, n_crossover: int) -> NDArray[np.float64]:
+        """Return what stored rollouts give, before mutation, shape (n, T, D).
+
+        :param n: how many
+        :param n_crossover: so many, the last ones, are crossover children; even
+        """
 
     @abstractmethod
-    def _member(self, member: int, context: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return one member's trajectory before mutation, shape (T, D).
+    def _promise(self, trajectories: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how much candidates promise in the opinion of E judges, shape (E, N).
 
-        :param member: which of the ``population_size`` members
-        :param context: its context, shape (C,)
+        :param trajectories: shape (N, T, D)
         """
 
     def _rules(self) -> Rules:
@@ -127,6 +137,7 @@ class PopulationSearch(BufferedAlgorithm):
                 0 <= self.n_crossover <= n and self.n_crossover % 2 == 0,
                 f"even, >= 0 and at most the population of {n}: two parents have two children",
             ),
+            "n_candidates": (self.n_candidates >= 1, ">= 1; 1 executes all that are made"),
             "mutation_decay": (0 < self.mutation_decay <= 1, "in (0, 1]"),
             "mutation_rate": (0 < self.mutation_rate <= 1, "in (0, 1]"),
             "n_explorers": (0 <= self.n_explorers < n, "at least 0 and less than the population"),
@@ -143,21 +154,11 @@ class PopulationSearch(BufferedAlgorithm):
         return TrajectoryBuffer(self.policy.context_dim, shape, self.buffer_size, self.n_elites)
 
     @property
-    def n_plain(self) -> int:
-        """How many members are no crossover children; they come first."""
-        return self.population_size - self.n_crossover
-
-    @property
     def initial(self) -> NDArray[np.float64]:
         """The trajectories from which the search starts, shape (M, T, D)."""
         if self._initial is None:
             self._initial = self.initial_trajectory()[None]
         return self._initial
-
-    @property
-    def _n_fresh(self) -> int:
-        """How many members, the first ones, mutate an initial trajectory."""
-        return self.population_size if len(self.replay_buffer) == 0 else self.n_explorers
 
     def _begin_generation(self) -> None:
         if self._varies is None:
@@ -166,51 +167,73 @@ class PopulationSearch(BufferedAlgorithm):
             skill, n = self._skill, self.population_size
             scales = self._search.scales(self.rng, n, skill.is_ready)
             self._noise = scales[:, None] * self.rng.standard_normal((n, skill.space.n_weights))
-            return
-        self._noise = self._draw_noise()
-        if len(self.replay_buffer) == 0:
-            self._noise[: len(self.initial)] = 0.0
+        elif len(self.replay_buffer) == 0:
+            self._members = self._first_members()
         else:
-            self._draw_members()
+            self._members = self._next_members()
 
-    def _draw_noise(self) -> NDArray[np.float64]:
-        """Return the mutation of each member, shape (N, T, D)."""
-        n, shape = self.population_size, self.policy.trajectory_shape
+    def _first_members(self) -> NDArray[np.float64]:
+        """Return the initial trajectories, and mutations of them, shape (N, T, D)."""
+        n = self.population_size
+        noise = self._mutations(n, n)
+        noise[: len(self.initial)] = 0.0
+        return self._filter(self.initial[np.arange(n) % len(self.initial)] + noise)
+
+    def _next_members(self) -> NDArray[np.float64]:
+        """Return explorers, and of mutated offspring those that promise most, shape (N, T, D)."""
+        n, explorers, initial = self.population_size, self.n_explorers, self.initial
+        n_made = explorers + (n - explorers) * self.n_candidates
+        noise = self._mutations(n_made, explorers)
+        n_crossover = min(self.n_crossover * self.n_candidates, n_made // 2 * 2)
+        made = self._offspring(n_made, n_crossover)
+        made[:explorers] = initial[np.arange(explorers) % len(initial)]
+        made = self._filter(made + noise)
+        if self.n_candidates == 1:
+            return made
+        space = cast(spaces.Box, self.action_space)
+        candidates = np.clip(made[explorers:], space.low, space.high)
+        chosen = take_turns(self._promise(candidates), n - explorers)
+        return np.concatenate([made[:explorers], candidates[chosen]])
+
+    def _mutations(self, n: int, n_fresh: int) -> NDArray[np.float64]:
+        """Return smooth noise (V), shape (n, T, D).
+
+        :param n: how many
+        :param n_fresh: so many, the first ones, are as in the first generation
+        """
+        shape = self.policy.trajectory_shape
         noise = np.zeros((n, *shape))
         if self.mutation is not None:
-            fresh, sigma = self._n_fresh, np.asarray(self.first_scale())
+            sigma = np.asarray(self.first_scale())
             scale = self.mutation_decay**self._n_updates
-            noise[:fresh] = sigma * self.mutation.sample(self.rng, fresh, shape)
-            later = self.mutation.sample(self.rng, n - fresh, shape, self.mutation_rate)
-            noise[fresh:] = scale * (sigma * later)
+            noise[:n_fresh] = sigma * self.mutation.sample(self.rng, n_fresh, shape)
+            later = self.mutation.sample(self.rng, n - n_fresh, shape, self.mutation_rate)
+            noise[n_fresh:] = scale * (sigma * later)
             self.logger.record("train/mutation_scale", scale)
         return noise
 
-    def _propose(self, members: slice, contexts: NDArray[np.float32]) -> NDArray[np.floating]:
-        """Make, mutate and filter one member at a time.
+    def _filter(self, desired: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the PD controller makes of trajectories (VI), shape (N, T, D).
 
-        Members are never batched, so that a member's bits do not depend on how many environments
-        step together.
+        :param desired: shape (N, T, D)
+        """
+        if self.pd_controller is None:
+            return desired
+        start, goal = self.initial.mean(axis=0)[[0, -1]]
+        return self.pd_controller(desired, start, goal)
+
+    def _propose(self, members: slice, contexts: NDArray[np.float32]) -> NDArray[np.floating]:
+        """Return some of the generation, which was made as a whole.
+
+        So a member's bits do not depend on how many environments step together.
         """
         if self._search is not None:
             return self._explore(members, contexts)
-        noise, ends = cast(NDArray[np.float64], self._noise), self.initial.mean(axis=0)[[0, -1]]
-        proposed = []
-        for member, context in zip(range(members.start, members.stop), contexts, strict=True):
-            if member < self._n_fresh:
-                desired = self.initial[member % len(self.initial)]
-            else:
-                desired = self._member(member, context)
-            desired = desired + noise[member]
-            if self.pd_controller is not None:
-                desired = self.pd_controller(desired[None], ends[0], ends[1])[0]
-            proposed.append(desired)
-        return np.stack(proposed)
+        return cast(NDArray[np.float64], self._members)[members]
 
     def _observe(self, rollouts: Generation) -> None:
-        solved = rollouts.successes if self._search is not None else None
         self.policy.elites.update(
-            rollouts.contexts, rollouts.trajectories, rollouts.rewards, solved
+            rollouts.contexts, rollouts.trajectories, rollouts.rewards, rollouts.successes
         )
 
     def _end_generation(self, generation: Generation) -> None:
@@ -313,15 +336,6 @@ class PopulationSearch(BufferedAlgorithm):
         """
         super().load_replay_buffer(path)
         buffer = self.replay_buffer
-        solved = buffer.successes if self._search is not None else None
-        self.policy.elites.update(buffer.contexts, buffer.trajectories, buffer.rewards, solved)
-
-
-def blend(before: NDArray[Any], after: NDArray[Any], cut: int) -> NDArray[Any]:
-    """Return the trajectory that follows one parent until the cut and the other from it on.
-
-    :param before: shape (T, D)
-    :param after: shape (T, D)
-    :param cut: time index
-    """
-    return np.concatenate([before[:cut], after[cut:]])
+        self.policy.elites.update(
+            buffer.contexts, buffer.trajectories, buffer.rewards, buffer.successes
+        )

@@ -3,10 +3,13 @@
 Shape letters: E members, N rows, I inputs, K outputs.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
+import numpy as np
 import torch as th
+from numpy.typing import NDArray
 from torch import nn
 
 from sb3_nmp.common.settings import settings_name
@@ -28,6 +31,16 @@ class EnsembleTraining:
     weight_decay: float = 0.01
     batch_size: int = 128
     huber: float | None = None
+
+    def loss(self, predicted: th.Tensor, wanted: th.Tensor) -> th.Tensor:
+        """Return the mean error, squared or Huber's.
+
+        :param predicted: shape (E, rows, K)
+        :param wanted: shape (E, rows, K)
+        """
+        if self.huber is None:
+            return nn.functional.mse_loss(predicted, wanted)
+        return nn.functional.smooth_l1_loss(predicted, wanted, beta=self.huber)
 
 
 class Ensemble(nn.Module):
@@ -80,6 +93,8 @@ class Ensemble(nn.Module):
         n_steps: int,
         training: EnsembleTraining,
         generator: th.Generator,
+        loss: Callable[[th.Tensor, th.Tensor], th.Tensor] | None = None,
+        shares: NDArray[np.float64] | None = None,
     ) -> None:
         """Regress targets on inputs.
 
@@ -88,21 +103,34 @@ class Ensemble(nn.Module):
         :param n_steps: of the optimizer
         :param training: rate and batches
         :param generator: draws the batches
+        :param loss: of outputs and targets, both (E, rows, K); None takes that of ``training``
+        :param shares: with which rows are drawn, shape (N,); None draws all alike
         """
+        measure = training.loss if loss is None else loss
         self.requires_grad_(True)
         optimizer = th.optim.AdamW(
             self.parameters(), training.learning_rate, weight_decay=training.weight_decay
         )
         size = min(len(inputs), training.batch_size)
         for _ in range(n_steps):
-            rows = th.randint(len(inputs), (self.n_members, size), generator=generator)
-            predicted, wanted = self(inputs[rows]), targets[rows]
-            loss = (
-                nn.functional.mse_loss(predicted, wanted)
-                if training.huber is None
-                else nn.functional.smooth_l1_loss(predicted, wanted, beta=training.huber)
-            )
+            rows = self._draw(len(inputs), size, shares, generator)
+            error = measure(self(inputs[rows]), targets[rows])
             optimizer.zero_grad()
-            loss.backward()
+            error.backward()
             optimizer.step()
         self.requires_grad_(False)  # what follows are gradients for the inputs
+
+    def _draw(
+        self,
+        n: int,
+        size: int,
+        shares: NDArray[np.float64] | None,
+        generator: th.Generator,
+    ) -> th.Tensor:
+        """Return the rows of a batch for each member, shape (E, size)."""
+        if shares is None:
+            return th.randint(n, (self.n_members, size), generator=generator)
+        drawn = th.multinomial(
+            th.as_tensor(shares), self.n_members * size, replacement=True, generator=generator
+        )
+        return drawn.view(self.n_members, size)

@@ -3,7 +3,15 @@
 from sb3_nmp.rcnmp.achievement import RCNMPAchievement
 from sb3_nmp.rcnmp.algorithm import RCNMP
 from sb3_nmp.rcnmp.policy import RCNMPPolicy
+from sb3_nmp.rcnmp.reward_model import RCNMPRewardModel
 from sb3_nmp.rcnmp.skill import RCNMPSkill
 from sb3_nmp.rcnmp.training import RCNMPTraining
 
-__all__ = ["RCNMP", "RCNMPAchievement", "RCNMPPolicy", "RCNMPSkill", "RCNMPTraining"]
+__all__ = [
+    "RCNMP",
+    "RCNMPAchievement",
+    "RCNMPPolicy",
+    "RCNMPRewardModel",
+    "RCNMPSkill",
+    "RCNMPTraining",
+]

@@ -1,7 +1,7 @@
 """RC-NMP: skill learning as supervised learning, conditioned on reward (thesis chapter 6)."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Unpack, cast, get_args
+from typing import ClassVar, Unpack, get_args
 
 import numpy as np
 import torch as th
@@ -10,19 +10,21 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 
 from sb3_nmp.common.buffer import RewardScaling, scale_rewards, selection_weights
-from sb3_nmp.common.population import PopulationArguments, PopulationSearch, blend
+from sb3_nmp.common.operators import blend
+from sb3_nmp.common.population import PopulationArguments, PopulationSearch
 from sb3_nmp.common.rollouts import Generation
 from sb3_nmp.common.settings import Rules
 from sb3_nmp.rcnmp.policy import RCNMPPolicy
+from sb3_nmp.rcnmp.reward_model import RCNMPRewardModel, judge
 from sb3_nmp.rcnmp.training import Elbo, RCNMPTraining, batches, elbo
 
 
 @dataclass(frozen=True)
 class Parents:
-    """What a generation's N members are made of, drawn before their contexts are known.
+    """What N offspring are made of.
 
-    A member follows its first parent until its cut in time, and its second parent from it on. A
-    parent is a stored rollout, or what its latent decodes to.
+    Each follows its first parent until its cut in time, and its second parent from it on. A parent
+    is a stored rollout, or what its latent decodes to.
 
     :param latents: of both parents, and their categories' one-hot vectors where there are several,
         shape (2, N, code_dim)
@@ -41,8 +43,10 @@ class RCNMP(PopulationSearch):
     A generation, with the numerals of Fig. 6.1: train the reward-conditioned neural process on
     the replay buffer (I, II, Eq. 6.2); decode latents drawn from a Gaussian at the best reward
     (III); cross pairs of parents, latents or stored rollouts, over in time (IV); add smooth noise
-    (V); filter by a PD controller (VI, Eq. 6.3); execute, and store what was sent. The first
-    generation is the initial trajectory and mutations of it.
+    (V); filter by a PD controller (VI, Eq. 6.3); of ``n_candidates`` for each member execute the
+    one that an ensemble trained on all rollouts holds for the likeliest to earn the wanted reward
+    (`RCNMPRewardModel`), and store what was sent. The first generation is the initial trajectory
+    and mutations of it.
 
     Where this departs from the original code (measured in results/experiments/rcnmp_bottles.md):
     the buffer keeps every rollout; rewards enter as ranks; good rollouts are drawn more often in
@@ -72,9 +76,11 @@ class RCNMP(PopulationSearch):
         those for training, instead of a decoded latent; 0 is the thesis's crossover
     :param latent_std: standard deviation of the latents in the search, where training has 1
     :param reward_scaling: how the network sees rewards: ``"rank"`` in [-1, 1], ``"standardize"``
-    :param reward_conditioning: whether the network sees the reward
+    :param reward_conditioning: whether the neural process sees the reward; ``n_candidates=1``
+        switches the reward model off
     :param beta: weight of the KL divergence in Eq. 6.2
     :param training: length and mini-batches of the training after each generation
+    :param reward_model: that judges candidates
     """
 
     policy: RCNMPPolicy
@@ -96,14 +102,15 @@ class RCNMP(PopulationSearch):
         reward_conditioning: bool = True,
         temperature: float = 4.0,
         beta: float = 0.3,
+        n_candidates: int = 10,
         training: RCNMPTraining = RCNMPTraining(),  # noqa: B008 (frozen)
+        reward_model: RCNMPRewardModel = RCNMPRewardModel(),  # noqa: B008 (frozen)
         **shared: Unpack[PopulationArguments],
     ) -> None:
         self.elite_parents, self.latent_std = elite_parents, latent_std
         self.reward_scaling: RewardScaling = reward_scaling
         self.reward_conditioning = reward_conditioning
-        self.beta, self.training = beta, training
-        self._parents: Parents | None = None
+        self.beta, self.training, self.reward_model = beta, training, reward_model
         super().__init__(
             policy,
             env,
@@ -113,6 +120,7 @@ class RCNMP(PopulationSearch):
             mutation_decay=mutation_decay,
             n_explorers=n_explorers,
             temperature=temperature,
+            n_candidates=n_candidates,
             **shared,
         )
 
@@ -127,49 +135,57 @@ class RCNMP(PopulationSearch):
             ),
         } | dict(super()._rules())
 
-    def _draw_members(self) -> None:
-        """Draw latents for samples (III), and parents and cuts for pairs of children (IV)."""
+    def _offspring(self, n: int, n_crossover: int) -> NDArray[np.float64]:
+        """Decode samples (III), and cross pairs of parents over (IV)."""
         if not self.policy.is_scaled:  # the buffer was seeded by the user
             self._train()
+        parents = self._draw_parents(n, n_crossover)
+        before, after = (
+            self._parent(latents, rows)
+            for latents, rows in zip(parents.latents, parents.rows, strict=True)
+        )
+        return blend(before, after, parents.cuts)
+
+    def _draw_parents(self, n: int, n_crossover: int) -> Parents:
+        """Draw latents of samples, and parents and cuts of pairs of children.
+
+        :param n: how many members
+        :param n_crossover: so many, the last ones, are crossover children
+        """
         rng, n_time_points = self.rng, self.policy.trajectory_shape[0]
-        n_draws = self.n_plain + self.n_crossover // 2
+        n_plain, n_draws = n - n_crossover, n - n_crossover // 2
         context = self.replay_buffer.contexts[-1]
         latents = self.policy.draw_codes(rng, context, (2, n_draws), self.latent_std)
         weights = selection_weights(self.replay_buffer.rewards, self.temperature)
         rows = rng.choice(len(weights), (2, n_draws), p=weights)
         rows[rng.uniform(size=rows.shape) >= self.elite_parents] = -1
-        rows[:, : self.n_plain] = -1
+        rows[:, :n_plain] = -1
         cuts = rng.integers(1, n_time_points, n_draws)
-        cuts[: self.n_plain] = n_time_points
-        twins = slice(self.n_plain, None)  # the second child has the parents swapped
-        self._parents = Parents(
+        cuts[:n_plain] = n_time_points
+        twins = slice(n_plain, None)  # the second child has the parents swapped
+        return Parents(
             latents=np.concatenate([latents, latents[::-1, twins]], axis=1),
             rows=np.concatenate([rows, rows[::-1, twins]], axis=1),
             cuts=np.concatenate([cuts, cuts[twins]]),
         )
 
-    def _member(self, member: int, context: NDArray[np.float32]) -> NDArray[np.float64]:
-        cut = int(cast(Parents, self._parents).cuts[member])
-        first = self._parent(0, member, context)
-        if cut == len(first):
-            return first
-        return blend(first, self._parent(1, member, context), cut)
+    def _parent(self, latents: NDArray[np.float32], rows: NDArray[np.int_]) -> NDArray[np.float64]:
+        """Return parents: stored rollouts, or what latents decode to, shape (N, T, D).
 
-    def _parent(self, which: int, member: int, context: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return the first (0) or second (1) parent of a member, shape (T, D)."""
-        parents = cast(Parents, self._parents)
-        row = int(parents.rows[which, member])
-        if row >= 0:
-            return self.replay_buffer.trajectories[row].astype(np.float64)
-        return self._decode(parents.latents[which, member], context)
-
-    def _decode(
-        self, latent: NDArray[np.float32], context: NDArray[np.float32]
-    ) -> NDArray[np.float64]:
-        """Return the network's trajectory for one latent at the best reward, shape (T, D)."""
-        rows = [th.as_tensor(row[None], device=self.device) for row in (context, latent)]
+        :param latents: shape (N, code_dim)
+        :param rows: of the stored ones, -1 for the others, shape (N,)
+        """
+        codes = th.as_tensor(latents, device=self.device)
+        context = th.as_tensor(self.replay_buffer.contexts[-1:], device=self.device)
         with th.no_grad():
-            return self.policy.generate(*rows)[0].cpu().numpy().astype(np.float64)
+            decoded = self.policy.generate(context.expand(len(codes), -1), codes)
+        stored = self.replay_buffer.trajectories[rows]
+        return np.where((rows >= 0)[:, None, None], stored, decoded.cpu().numpy())
+
+    def _promise(self, trajectories: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Let an ensemble that has seen all rollouts judge."""
+        generator = th.Generator().manual_seed(int(self.rng.integers(2**31)))
+        return judge(self.replay_buffer, trajectories, self.reward_model, generator)
 
     def _end_generation(self, generation: Generation) -> None:
         super()._end_generation(generation)
