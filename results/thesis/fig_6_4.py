@@ -96,7 +96,7 @@ FIGURE = ThesisFigure(
     "fig-6.4",
     MADE,
     full=(_runs(None, None, None),),
-    quick=(_runs(3, 100, (FEW, "4 points", MANY)),),
+    quick=(_runs(2, 100, (FEW, "4 points", MANY)),),
     findings=findings,
     draw=draw,
 )
