@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from results.exceptions import BenchmarkError
 from results.suites import check_suite, describe_suites
-from results.thesis import TABLES
+from results.thesis import FIGURES, TABLES, describe
 
 if TYPE_CHECKING:  # the command line answers at once: what is slow to import waits
     from results.harness.records import RunRecord
@@ -61,6 +61,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_run(commands.add_parser("run", help="run a suite", epilog=EXIT_STATUS))
     _add_table(commands.add_parser("table", help="print the table of runs"))
     _add_plot(commands.add_parser("plot", help="draw learning curves and final paths"))
+    _add_reproduce(commands.add_parser("reproduce", help="make a figure of the thesis anew"))
     _add_render(commands.add_parser("render", help="draw a run's or a model's rollout"))
     return parser
 
@@ -130,6 +131,30 @@ def _add_plot(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_reproduce(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Make the runs behind a figure of the thesis, as far as their folder does not hold them, "
+        "draw it, and print our numbers beside the thesis's and whether its claims held."
+    )
+    parser.set_defaults(command=reproduce)
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("name", nargs="?", metavar="NAME", help=f"one of {', '.join(FIGURES)}")
+    what.add_argument("--list", action="store_true", help="what can be made anew, and stop")
+    what.add_argument("--all", action="store_true", help="all figures")
+    parser.add_argument(
+        "--quick", action="store_true", help="fewer seeds and smaller budgets, about two minutes"
+    )
+    parser.add_argument(
+        "--workers", type=int, metavar="N", help="parallel processes (default: one per core)"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder of the runs' folders and of the picture (default: results/runs)",
+    )
+
+
 def _add_render(parser: argparse.ArgumentParser) -> None:
     parser.description = "Draw one rollout as .gif, .mp4 or, as a sheet of pictures, .png."
     parser.set_defaults(command=render)
@@ -153,8 +178,7 @@ def run(options: argparse.Namespace) -> int:
     from results.harness.suite import make_suite, parse_seeds
     from results.suites import find_recipe
 
-    if options.workers is not None and options.workers < 1:
-        raise BenchmarkError(f"--workers is {options.workers}; at least 1 process is needed.")
+    check_workers(options.workers)
     seeds = None if options.seeds is None else parse_seeds(options.seeds)
     recipe = find_recipe(options.suite)
     suite = make_suite(options.suite, recipe, seeds, options.budget, options.algorithms)
@@ -164,6 +188,16 @@ def run(options: argparse.Namespace) -> int:
     return run_with_progress(
         plan_runs(folder, suite.specifications, options.overwrite), options.workers
     )
+
+
+def check_workers(n_workers: int | None) -> None:
+    """Raise for a number of processes that can do nothing.
+
+    :param n_workers: as the user gave it; None is one per core
+    :raises BenchmarkError: it is less than 1
+    """
+    if n_workers is not None and n_workers < 1:
+        raise BenchmarkError(f"--workers is {n_workers}; at least 1 process is needed.")
 
 
 def table(options: argparse.Namespace) -> int:
@@ -220,6 +254,31 @@ def plot(options: argparse.Namespace) -> int:
         raise BenchmarkError(f"no run in '{folder}' has finished; 'nmp-bench table' tells why.")
     for path in save_figures(folder, figures(records, labels, options.reference or ())):
         print(f"Written: {path}")
+    return 0
+
+
+def reproduce(options: argparse.Namespace) -> int:
+    """Do ``nmp-bench reproduce``.
+
+    :param options: the parsed arguments
+    """
+    if options.list:
+        print("\n".join(f"{name}: {describe(name)}" for name in FIGURES))
+        tables = (f"{name}: {describe(name)} ('nmp-bench table {name}')" for name in TABLES)
+        print("\n".join(tables))
+        return 0
+    from rich.console import Console
+
+    from results.reproduce import Request
+    from results.reproduce import reproduce as make
+
+    check_workers(options.workers)
+    request = Request(options.out or RUNS, options.quick, options.workers)
+    console = Console(highlight=False)
+    for name in FIGURES if options.all else (options.name,):
+        page = make(name, request)
+        console.print(page.terminal(console.width))
+        (request.folder / f"{request.file(name)}.md").write_text(page.markdown(), encoding="utf-8")
     return 0
 
 

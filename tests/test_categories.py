@@ -118,6 +118,14 @@ def test_the_gradient_reaches_every_parameter_and_the_prior_follows_the_posterio
     assert all(p.grad is not None and bool(p.grad.abs().sum() > 0) for p in net.parameters())
     shares = net.encode(batch.observed_times, batch.observed_values, batch.condition).category.probs
     th.testing.assert_close(net.prior.bias.grad, 1 / K - shares.mean(0), atol=1e-6, rtol=1e-4)
+    before = [p.grad.clone() for p in net.encoder.parameters() if p.grad is not None]
+    with th.no_grad():
+        net.prior.bias.copy_(th.tensor([2.0, 0.0, -1.0]))
+    net.zero_grad()
+    elbo(net, batch, 0.3).loss.backward()
+    after = [p.grad for p in net.encoder.parameters()]
+    for one, other in zip(before, after, strict=True):
+        th.testing.assert_close(one, other, msg="the prior acts on the posterior")
 
 
 # -- what is drawn ---------------------------------------------------------------------------------

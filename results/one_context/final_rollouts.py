@@ -127,8 +127,8 @@ def _draw_plane(
 ) -> None:
     (axes,) = panels
     scene = scene_of(runs[0]) or {}
-    _draw_scene(axes, scene)
-    along = scene.get("along")
+    draw_scene(axes, scene)
+    along = scene.get(\"along\")
     for run in runs:
         path = np.array(greedy(run).executed)
         if along is not None:
@@ -153,7 +153,12 @@ def _dashed_labels(runs: Sequence[RunRecord]) -> list[str]:
     return list(dict.fromkeys(named))
 
 
-def _draw_scene(axes: Axes, scene: Mapping[str, Any]) -> None:
+def draw_scene(axes: Axes, scene: Mapping[str, Any]) -> None:
+    """Draw what stands in the plane of the trajectories, and set the limits.
+
+    :param axes: of a panel
+    :param scene: of `scene_of`
+    """
     for box in scene.get("boxes", ()):
         low, high = np.array(box["low"]), np.array(box["high"])
         axes.add_patch(Rectangle(tuple(low), *(high - low), facecolor="0.8", edgecolor="0.4"))

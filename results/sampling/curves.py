@@ -2,7 +2,7 @@
 
 x is time and y the only dimension of a trajectory; both are without unit. The thesis prints its
 curves only. These have the shape of the obstacle demonstrations of its original code, so each is
-told by its height, which is the curve's factor and 0.998 of its largest value. Shape letters: N
+told by its height, the curve's factor; its largest value is 1.005 of that. Shape letters: N
 curves, T time points.
 """
 
@@ -26,9 +26,9 @@ PER_BUNDLE = 10
 def shape() -> FloatArray:
     """Return the curve of height 1: two bumps, 0 at both ends, shape (T,)."""
     x = np.linspace(-0.5, 0.5, N_TIME_POINTS)
-    bumps = sum(np.exp(-((x - centre) ** 2) / (2 * 0.15**2)) for centre in (-0.25, 0.25))
-    ends = bumps[0]
-    return np.asarray((bumps - ends) / (1 - ends))
+    left, right = (np.exp(-((x - centre) ** 2) / (2 * 0.15**2)) for centre in (-0.25, 0.25))
+    bumps = left + right
+    return (bumps - bumps[0]) / (1 - bumps[0])
 
 
 def curves(heights: ArrayLike) -> FloatArray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch as th
+from numpy.typing import NDArray
 from torch import nn
 from torch.distributions import Normal
 
@@ -28,6 +29,7 @@ class SamplingTraining:
 
     :param n_steps: steps of Adam
     :param batch_size: demonstrations per step, drawn with replacement
+    :param n_target_points: random time points of each at which it is predicted
     :param learning_rate: at the start; it falls to a hundredth along a cosine
     :param beta: weight of z's divergence in the end
     :param first_beta: at the start, with several categories
@@ -35,6 +37,7 @@ class SamplingTraining:
 
     n_steps: int = 2000
     batch_size: int = 32
+    n_target_points: int = 10
     learning_rate: float = 5e-3
     beta: float = 0.3
     first_beta: float = 100.0
@@ -52,7 +55,7 @@ class Sampler:
         self.network, self.times, self.scale = network, times, scale
 
     @th.no_grad()
-    def draw(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    def draw(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, NDArray[np.int_]]:
         """Draw k from its prior and z from N(0, I); return trajectories (N, T, 1) and k (N,).
 
         :param n: N
@@ -83,7 +86,7 @@ def train_sampler(
     scale = float(np.sqrt(np.mean(demonstrations**2)))
     times = th.linspace(0.0, 1.0, demonstrations.shape[1])
     drawn = batches(
-        RCNMPTraining(training.n_steps, training.batch_size, 10, 20),
+        RCNMPTraining(training.n_steps, training.batch_size, training.n_target_points, 20),
         times,
         th.as_tensor(demonstrations / scale, dtype=th.float32),
         th.zeros(len(demonstrations), 1),
