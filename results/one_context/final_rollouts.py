@@ -128,7 +128,7 @@ def _draw_plane(
     (axes,) = panels
     scene = scene_of(runs[0]) or {}
     draw_scene(axes, scene)
-    along = scene.get(\"along\")
+    along = scene.get("along")
     for run in runs:
         path = np.array(greedy(run).executed)
         if along is not None:
