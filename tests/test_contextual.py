@@ -267,6 +267,37 @@ def test_where_nothing_is_achieved_rollouts_explore_farther() -> None:
     assert (drawn[::2] == 9.0).all() and 30.0 < drawn.max() <= 45.0
 
 
+class Heavy(Reaching):
+    """Nothing moves before a path leaves the middle by far, and it moves to an edge then."""
+
+    def step(self, action: Any) -> Any:
+        moves = np.abs(action).max() >= 2.0  # the first noise has a standard deviation of 0.3
+        info = {"is_success": False, "achieved_context": np.sign(action[-1])}
+        return self.target, -1.0, True, False, info if moves else {"is_success": False}
+
+
+def test_a_search_finds_what_lies_far_from_where_it_begins() -> None:
+    near = ContextualExploration(widening=1.0, largest=2.0)
+    env = make_vec_env(Heavy, n_envs=10)
+    assert not RCNMP("MlpPolicy", env, seed=0, contextual=near).learn(100).policy.skill.is_ready
+    assert RCNMP("MlpPolicy", env, seed=0).learn(100).policy.skill.is_ready
+
+
+def test_rollouts_aim_no_farther_than_a_stride(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = RCNMP("MlpPolicy", many(), seed=0).learn(100)
+    known, asked = model.policy.repertoire, []
+    known.achieved = known.achieved[known.achieved[:, 0] < 0.0]
+    known.reach.fill_(0.1)
+    answer = model.policy.skill.answer
+    monkeypatch.setattr(
+        model.policy.skill, "answer", lambda rows: asked.append(rows) or answer(rows)
+    )
+    far = np.array([[0.9, 0.0]], np.float32)
+    model._explore(slice(0, 1), far)
+    np.testing.assert_allclose(asked[0], known.approach(th.as_tensor(far), 3.0))
+    assert asked[0][0, 0] < 0.5
+
+
 # -- parts -------------------------------------------------------------------------------------
 
 
