@@ -240,10 +240,14 @@ def test_near_enough_is_what_has_succeeded_and_never_failed() -> None:
 
 def test_the_most_like_circumstances_are_repeated() -> None:
     """The first entry is what every rollout achieved as given; goals within 0.3 are right."""
-    asked = [[0.0, 0.0], [2.0, 0.1], [4.0, 0.2], [4.0, 0.6]]
-    known = repertoire(asked, [[0.0, 0.3], [2.0, 0.3], [4.0, 0.35], [4.0, 0.9]], [1, 1, 1, 1])
+    asked = [[0.0, 0.0], [2.0, 0.1], [4.0, 0.2], [4.0, 0.6], [2.4, 0.5]]
+    achieved = [[0.0, 0.3], [2.0, 0.3], [4.0, 0.35], [4.0, 0.9], [2.4, 0.5]]
+    known = repertoire(asked, achieved, [1, 1, 1, 1, 1])
     wanted = [[0.1, 0.3], [1.9, 0.2], [3.9, 0.3], [3.9, 0.85], [1.0, 0.3], [0.1, 0.9]]
     assert known.find(th.tensor(wanted)).tolist() == [0, 1, 2, 3, -1, -1]
+    assert known.find(th.tensor([[2.3, 0.38], [2.1, 0.42]])).tolist() == [4, 1]
+    evenly = known.find(th.tensor([[2.21, 0.32], [2.19, 0.48]]))
+    assert evenly.tolist() == [1, 4], "a smaller miss makes up for circumstances a little less like"
 
 
 def test_a_far_goal_is_approached_in_strides() -> None:
@@ -270,17 +274,19 @@ def test_where_nothing_is_achieved_rollouts_explore_farther() -> None:
 class Heavy(Reaching):
     """Nothing moves before a path leaves the middle by far, and it moves to an edge then."""
 
+    exploration_scale = np.array([0.05, 0.05])
+
     def step(self, action: Any) -> Any:
-        moves = np.abs(action).max() >= 2.0  # the first noise has a standard deviation of 0.3
+        moves = np.abs(action).max() >= 2.0
         info = {"is_success": False, "achieved_context": np.sign(action[-1])}
         return self.target, -1.0, True, False, info if moves else {"is_success": False}
 
 
 def test_a_search_finds_what_lies_far_from_where_it_begins() -> None:
-    near = ContextualExploration(widening=1.0, largest=2.0)
-    env = make_vec_env(Heavy, n_envs=10)
-    assert not RCNMP("MlpPolicy", env, seed=0, contextual=near).learn(100).policy.skill.is_ready
-    assert RCNMP("MlpPolicy", env, seed=0).learn(100).policy.skill.is_ready
+    env, narrow = make_vec_env(Heavy, n_envs=10), ContextualExploration(widening=1.0)
+    model = RCNMP("MlpPolicy", env, seed=0, contextual=narrow).learn(140)
+    assert not model.policy.skill.is_ready
+    assert RCNMP("MlpPolicy", env, seed=0).learn(140).policy.skill.is_ready
 
 
 def test_rollouts_aim_no_farther_than_a_stride(monkeypatch: pytest.MonkeyPatch) -> None:
