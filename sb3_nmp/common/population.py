@@ -293,7 +293,9 @@ class PopulationSearch(BufferedAlgorithm):
         n_before = len(buffer) - len(generation)
         search.take(generation.rewards, generation.successes, n_before, was_ready)
         achieved = None if self.relabel is False else buffer.achieved
-        tells = np.zeros(0, bool) if achieved is None else np.isfinite(achieved).all(axis=1)
+        tells: NDArray[np.bool_] = np.zeros(0, bool)
+        if achieved is not None:
+            tells = np.asarray(np.isfinite(achieved).all(axis=1))
         told = int(tells.sum())
         if achieved is not None and told:
             self.policy.repertoire.learn(
