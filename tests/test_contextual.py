@@ -1,5 +1,6 @@
 """Learning over varying contexts: RC-NMP's skill, its twins, and what a rollout achieved."""
 
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from baselines import GA
 from benchmark_envs import TrajectoryVecEnv, make_task
 from sb3_nmp import RCNMP, ConfigurationError, InvalidDataError
 from sb3_nmp.common.contextual import ContextualExploration, ContextualSearch, Experience
+from sb3_nmp.common.repertoire import Repertoire
 from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining
 from sb3_nmp.models.skill_space import SkillSpace
 from sb3_nmp.rcnmp.achievement import AchievementConditionedSkill, RCNMPAchievement
@@ -54,8 +56,43 @@ class Reaching(gym.Env[Any, Any]):
         return end + 0.2 * np.sin(2.0 * end[::-1])
 
 
+class Dice(gym.Env[Any, Any]):
+    """What a throw shows depends on its last bit, and on a circumstance: no model can tell."""
+
+    observation_space = spaces.Box(0.0, 1.0, (2,), np.float32)
+    action_space = spaces.Box(-3.0, 3.0, (12, 1), np.float32)
+    exploration_scale = np.array([0.3])
+    tells_achievement = True
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed)
+        cup = 0.2 * self.np_random.integers(5)
+        self.context = np.array([cup, self.np_random.uniform()], np.float32)
+        return self.context, {}
+
+    def step(self, action: Any) -> Any:
+        shown = self.throw(self.context[0], action)
+        miss = abs(shown - self.context[1])
+        info = {"is_success": miss < 0.05, "achieved_context": np.array([self.context[0], shown])}
+        return self.context, -miss, True, False, info
+
+    @staticmethod
+    def throw(cup: float, action: np.ndarray) -> float:
+        drawn = np.append(action.astype(np.float32).ravel(), np.float32(cup)).tobytes()
+        return zlib.crc32(drawn) / 2**32
+
+
 def many() -> VecEnv:
     return make_vec_env(Reaching, n_envs=10)
+
+
+def dice_solved(model: Any) -> float:
+    rng = np.random.default_rng(5)
+    contexts = np.stack([0.2 * rng.integers(5, size=200), rng.uniform(size=200)], axis=1)
+    contexts = contexts.astype(np.float32)
+    throws, _ = model.predict(contexts, deterministic=True)
+    shown = np.array([Dice.throw(c[0], a) for c, a in zip(contexts, throws, strict=True)])
+    return float((np.abs(shown - contexts[:, 1]) < 0.05).mean())
 
 
 def solved_of(model: Any, task: Any) -> float:
@@ -164,8 +201,107 @@ def test_the_noise_grows_with_successes_and_shrinks_without() -> None:
     for _ in range(30):
         search.adapt(0.0, True, True, False)
     assert search.scale == search.exploration.limits[0]
-    drawn = search.scales(np.random.default_rng(0), 100, is_ready=False)
+    first = ContextualSearch(ContextualExploration())
+    drawn = first.scales(np.random.default_rng(0), 100, is_ready=False)
     assert (drawn[::2] == 1.0).all() and drawn.max() > 3.0
+
+
+# -- what is repeated --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("algorithm", [RCNMP, GA])
+def test_what_no_model_can_tell_is_repeated(algorithm: Any) -> None:
+    """Of 300 throws some show what is asked, and they show it again."""
+    never = ContextualExploration(alike=None)
+    learned = algorithm("MlpPolicy", make_vec_env(Dice, n_envs=10), seed=0).learn(300)
+    guessing = algorithm("MlpPolicy", make_vec_env(Dice, n_envs=10), seed=0, contextual=never)
+    guessing.learn(300)
+    assert dice_solved(learned) >= 0.95
+    assert dice_solved(guessing) <= 0.25
+
+
+def repertoire(asked: list[Any], achieved: list[Any], successes: list[int]) -> Repertoire:
+    known = Repertoire(len(asked[0]), (5, 2))
+    drawn = np.random.default_rng(0).normal(size=(len(asked), 5, 2))
+    known.learn(np.array(asked), np.array(achieved), np.array(successes, bool), drawn, 0.5)
+    return known
+
+
+def test_near_enough_is_what_has_succeeded_and_never_failed() -> None:
+    asked, achieved = [[0.0], [1.0], [2.0], [3.0]], [[0.4], [1.1], [2.3], [np.nan]]
+    unit = np.std([0.0, 1.0, 2.0])
+    reaches = [float(repertoire(asked, achieved, s).reach) for s in ([0, 1, 0, 0], [0, 1, 1, 1])]
+    np.testing.assert_allclose(reaches, np.array([0.1, 0.3]) / unit)
+    contradictory = repertoire(asked, achieved, [1, 0, 1, 0])
+    assert contradictory.reach < 0.1 / unit + 1e-9
+    assert contradictory.find(th.tensor([[1.1 + 0.09], [1.1 + 0.11]])).tolist() == [1, -1]
+    assert repertoire(asked, achieved, [0, 0, 0, 0]).find(th.tensor([[1.2]])).tolist() == [-1]
+
+
+def test_the_most_like_circumstances_are_repeated() -> None:
+    """The first entry is what every rollout achieved as given; goals within 0.3 are right."""
+    asked = [[0.0, 0.0], [2.0, 0.1], [4.0, 0.2], [4.0, 0.6], [2.4, 0.5]]
+    achieved = [[0.0, 0.3], [2.0, 0.3], [4.0, 0.35], [4.0, 0.9], [2.4, 0.5]]
+    known = repertoire(asked, achieved, [1, 1, 1, 1, 1])
+    wanted = [[0.1, 0.3], [1.9, 0.2], [3.9, 0.3], [3.9, 0.85], [1.0, 0.3], [0.1, 0.9]]
+    assert known.find(th.tensor(wanted)).tolist() == [0, 1, 2, 3, -1, -1]
+    assert known.find(th.tensor([[2.3, 0.38], [2.1, 0.42]])).tolist() == [4, 1]
+    evenly = known.find(th.tensor([[2.21, 0.32], [2.19, 0.48]]))
+    assert evenly.tolist() == [1, 4], "a smaller miss makes up for circumstances a little less like"
+
+
+def test_a_far_goal_is_approached_in_strides() -> None:
+    """Goals beyond two reaches of what was achieved are moved nearer; circumstances are not."""
+    asked = [[0.0, 0.0], [2.0, 0.1], [4.0, 0.2], [4.0, 0.6]]
+    known = repertoire(asked, [[0.0, 0.3], [2.0, 0.3], [4.0, 0.35], [4.0, 0.9]], [1, 1, 1, 1])
+    wanted = th.tensor([[0.1, 0.8], [0.1, 2.8], [3.9, -2.0], [4.0, 0.9]])
+    moved = known.approach(wanted, stride=2.0)
+    np.testing.assert_allclose(moved, [[0.1, 0.8], [0.1, 1.5], [3.9, -0.3], [4.0, 0.9]], atol=1e-6)
+    assert th.equal(Repertoire(2, (5, 2)).approach(wanted, stride=2.0), wanted)
+
+
+def test_where_nothing_is_achieved_rollouts_explore_farther() -> None:
+    search = ContextualSearch(ContextualExploration())
+    search.widen(0.3)
+    assert search.scale == 1.0
+    search.widen(0.2)
+    search.widen(0.0)
+    assert search.scale == 9.0
+    drawn = search.scales(np.random.default_rng(0), 100, is_ready=False)
+    assert (drawn[::2] == 9.0).all() and 30.0 < drawn.max() <= 45.0
+
+
+class Heavy(Reaching):
+    """Nothing moves before a path leaves the middle by far, and it moves to an edge then."""
+
+    exploration_scale = np.array([0.05, 0.05])
+
+    def step(self, action: Any) -> Any:
+        moves = np.abs(action).max() >= 2.0
+        info = {"is_success": False, "achieved_context": np.sign(action[-1])}
+        return self.target, -1.0, True, False, info if moves else {"is_success": False}
+
+
+def test_a_search_finds_what_lies_far_from_where_it_begins() -> None:
+    env, narrow = make_vec_env(Heavy, n_envs=10), ContextualExploration(widening=1.0)
+    model = RCNMP("MlpPolicy", env, seed=0, contextual=narrow).learn(140)
+    assert not model.policy.skill.is_ready
+    assert RCNMP("MlpPolicy", env, seed=0).learn(140).policy.skill.is_ready
+
+
+def test_rollouts_aim_no_farther_than_a_stride(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = RCNMP("MlpPolicy", many(), seed=0).learn(100)
+    known, asked = model.policy.repertoire, []
+    known.achieved = known.achieved[known.achieved[:, 0] < 0.0]
+    known.reach.fill_(0.1)
+    answer = model.policy.skill.answer
+    monkeypatch.setattr(
+        model.policy.skill, "answer", lambda rows: asked.append(rows) or answer(rows)
+    )
+    far = np.array([[0.9, 0.0]], np.float32)
+    model._explore(slice(0, 1), far)
+    np.testing.assert_allclose(asked[0], known.approach(th.as_tensor(far), 3.0))
+    assert asked[0][0, 0] < 0.5
 
 
 # -- parts -------------------------------------------------------------------------------------

@@ -18,10 +18,12 @@ from results.harness.specification import Algorithm
 from results.harness.suite import Recipe
 from results.report.frames import curves_frame
 from results.report.statistics import mean_interval
+from results.stream.evaluation import schedule
 from results.stream.figures import by_seed_on_grid, stream_curves
 from results.stream.protocol import Stream
 from results.stream.summary import frame, summarise
 from results.stream.tables import tables
+from results.suites import find_recipe
 from results.thesis.table_5_1 import table as table_5_1
 from tests.records_fakes import finished_run, specification
 from tests.results_fakes import TARGET_TASK, suite_of, target_task
@@ -99,6 +101,35 @@ def test_figure_shows_contexts_and_rollouts():
     assert "seen" in figure.axes[0].get_xlabel() and "rollouts" in figure.axes[1].get_xlabel()
     entries = [text.get_text() for text in figure.legends[0].get_texts()]
     assert entries == ["A (2 seeds)", "B (1 seed)"]
+
+
+# -- suites of skills over contexts ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "budget", "n_test", "alone"),
+    [("random-push", 3000, 500, {"RC-NMP, no relabelling"}), ("random-pouring", 500, 100, set())],
+)
+def test_a_skill_stands_beside_its_twins(name: str, budget: int, n_test: int, alone: set[str]):
+    """Nothing is demonstrated, and trying the policy costs no more rollouts than two runs."""
+    recipe = find_recipe(name)
+    twins = {"twin, nearest", "twin, ridge", "twin, Gaussian process"}
+    assert set(recipe.algorithms) == {"RC-NMP"} | twins | alone
+    assert (recipe.budget, recipe.n_seeds) == (budget, 5)
+    (protocol,) = recipe.protocols
+    assert protocol.settings["n_demonstrations"] == 0 and protocol.settings["n_test"] == n_test
+    by_rollouts, by_contexts = schedule(
+        budget, protocol.settings["n_contexts"], protocol.settings["n_evaluations"]
+    )
+    n_evaluations = len(by_rollouts) + 1 + int((by_contexts <= budget).sum())
+    assert n_evaluations >= 3 and n_evaluations * n_test <= 2 * budget
+
+
+def test_fewer_evaluations_are_another_protocol():
+    assert Stream(n_evaluations=24).settings == Stream().settings
+    assert Stream(n_evaluations=5).settings != Stream().settings
+    with pytest.raises(BenchmarkError, match="n_evaluations is 0; a stream needs at least 1"):
+        Stream(n_evaluations=0)
 
 
 # -- from the command line ---------------------------------------------------------------------

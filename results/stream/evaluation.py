@@ -32,6 +32,7 @@ class StreamEvaluation(Evaluation):
     :param budget: its rollouts
     :param on_rollouts: told the number of rollouts so far after every step
     :param from_start: evaluate before the first rollout, too
+    :param n_evaluations: see `schedule`
     """
 
     def __init__(
@@ -42,6 +43,7 @@ class StreamEvaluation(Evaluation):
         budget: int,
         on_rollouts: Callable[[int], None] | None = None,
         from_start: bool = False,
+        n_evaluations: int = N_BY_ROLLOUTS,
     ) -> None:
         super().__init__(on_rollouts)
         self.task = task
@@ -50,7 +52,7 @@ class StreamEvaluation(Evaluation):
         self.from_start = from_start
         self.tried: dict[bytes, int] = {}  # rollouts by context, in the order of the first ones
         self.exhausted = False
-        self._due_rollouts, self._due_contexts = schedule(budget, n_contexts)
+        self._due_rollouts, self._due_contexts = schedule(budget, n_contexts, n_evaluations)
 
     def measured(self) -> Measurements:
         """Return the curve, and under ``contexts`` the rollouts in each, by first visit.
@@ -103,14 +105,17 @@ class StreamEvaluation(Evaluation):
         )
 
 
-def schedule(budget: int, n_contexts: int) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+def schedule(
+    budget: int, n_contexts: int, n_evaluations: int = N_BY_ROLLOUTS
+) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
     """Return at which counts of rollouts, and of contexts, an evaluation is due.
 
     :param budget: rollouts of the run
     :param n_contexts: distinct contexts that it may try
+    :param n_evaluations: at counts of rollouts, evenly on a logarithmic scale, the end included
     :return: two ascending arrays; the ends of the run are not in them
     """
-    rollouts = np.geomspace(min(FIRST_ROLLOUTS, budget), budget, N_BY_ROLLOUTS).round()
+    rollouts = np.geomspace(min(FIRST_ROLLOUTS, budget), budget, n_evaluations).round()
     contexts = np.linspace(0, n_contexts, N_BY_CONTEXTS + 1).round()
     return (
         np.unique(rollouts[:-1].astype(int)),

@@ -11,7 +11,7 @@ from results.exceptions import BenchmarkError
 from results.harness.environments import FloatArray, RunTask
 from results.harness.protocol import OnRollouts, PreparedRun, Protocol
 from results.harness.records import Curve
-from results.stream.evaluation import StreamEvaluation
+from results.stream.evaluation import N_BY_ROLLOUTS, StreamEvaluation
 from sb3_nmp import Demonstrations
 
 # Second words of the seeds of generators that must differ from the environment's, which has the
@@ -31,12 +31,15 @@ class Stream(Protocol):
         shows nothing
     :param n_contexts: distinct contexts that the run may try; it ends where it asks for more
     :param n_test: held-out contexts on which the greedy policy is tried, the same for all runs
+    :param n_evaluations: how often that is done, evenly on a logarithmic scale of rollouts: fewer
+        where a rollout is slow, or trying the policy would take longer than training it
     :raises BenchmarkError: a number that is too small
     """
 
     n_demonstrations: int = 30
     n_contexts: int = 1000
     n_test: int = 1000
+    n_evaluations: int = N_BY_ROLLOUTS
 
     name: ClassVar[str] = "stream"
 
@@ -49,12 +52,15 @@ class Stream(Protocol):
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        """The three numbers."""
-        return {
+        """The numbers; that of evaluations where it is not what runs without it had."""
+        numbers = {
             "n_demonstrations": self.n_demonstrations,
             "n_contexts": self.n_contexts,
             "n_test": self.n_test,
         }
+        if self.n_evaluations != N_BY_ROLLOUTS:
+            numbers["n_evaluations"] = self.n_evaluations
+        return numbers
 
     def prepare(self, run: RunTask, on_rollouts: OnRollouts | None = None) -> PreparedRun:
         """Demonstrate drawn contexts; the environment draws others.
@@ -70,6 +76,7 @@ class Stream(Protocol):
             run.budget,
             on_rollouts,
             from_start=run.pretrained and shown is not None,
+            n_evaluations=self.n_evaluations,
         )
         return PreparedRun(run.environments(), evaluation, run.task_record, shown)
 

@@ -113,6 +113,9 @@ class ContextualExploration:
 
     :param largest: scale, as long as nothing was right: half of the rollouts explore at scales
         between 1 and this, evenly on a logarithmic scale, the others at 1
+    :param widening: factor on both after a generation of which less than `least_share` achieved
+        something, where rollouts tell what they achieved
+    :param least_share: see there
     :param after_success: scale once there is an example to follow
     :param after_achievement: scale once there is an answer from what was achieved
     :param wanted_rate: share of successes at which the scale stays; more let it grow
@@ -121,17 +124,25 @@ class ContextualExploration:
     :param limits_achieved: of the scale, where rollouts tell what they achieved
     :param least_achieved: rollouts that achieved something before there is an answer
     :param patience: the skill is learned anew when the rollouts have grown by this share
+    :param alike: a rollout that achieved what is asked is repeated as it was, if its circumstances
+        differ by at most this, in standard deviations of contexts; None repeats none
+    :param stride: how far from what was achieved a rollout aims, towards a goal farther away; in
+        units of the distance at which rollouts still succeed
     """
 
     largest: float = 5.0
+    widening: float = 3.0
+    least_share: float = 0.25
     after_success: float = 0.4
     after_achievement: float = 1.25
     wanted_rate: float = 0.3
     gain: float = 0.5
     limits: tuple[float, float] = (0.03, 1.0)
-    limits_achieved: tuple[float, float] = (0.6, 2.5)
+    limits_achieved: tuple[float, float] = (0.2, 2.5)
     least_achieved: int = 10
     patience: float = 0.05
+    alike: float | None = 0.2
+    stride: float = 3.0
 
 
 @dataclass
@@ -161,7 +172,7 @@ class ContextualSearch:
         if is_ready:
             return np.full(n, self.scale)
         wide = np.exp(rng.uniform(0.0, np.log(self.exploration.largest), n))
-        return np.where(np.arange(n) % 2, wide, 1.0)
+        return self.scale * np.where(np.arange(n) % 2, wide, 1.0)
 
     def take(
         self, rewards: FloatArray, successes: NDArray[np.bool_], n_before: int, was_ready: bool
@@ -192,6 +203,14 @@ class ContextualSearch:
             self.scale = float(np.clip(self.scale, low, high))
         elif is_ready:
             self.scale = e.after_achievement if by_achievement else e.after_success
+
+    def widen(self, share: float) -> None:
+        """Explore farther after a generation, as long as there is no answer.
+
+        :param share: of the generation that achieved something
+        """
+        if share < self.exploration.least_share:
+            self.scale *= self.exploration.widening
 
     def is_due(self, n_rollouts: int) -> bool:
         """Tell whether enough has been rolled out since to learn anew.

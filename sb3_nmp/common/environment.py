@@ -108,17 +108,24 @@ def initial_trajectories(env: VecEnv, space: spaces.Box) -> FloatArray:
         return np.repeat(initial_trajectory(env, space)[None], env.num_envs, axis=0)
 
 
+def tells_achievement(env: VecEnv) -> bool:
+    """Return whether an environment says that rollouts tell what they achieved.
+
+    :param env: read by its attribute ``tells_achievement``; without one, it does not
+    """
+    try:
+        return bool(env.get_attr("tells_achievement", indices=[0])[0])
+    except AttributeError:
+        return False
+
+
 def check_tells_achievement(env: VecEnv) -> None:
     """Raise unless an environment says that rollouts tell what they achieved.
 
-    :param env: read by its attribute ``tells_achievement``
+    :param env: see `tells_achievement`
     :raises ConfigurationError: it says so of none
     """
-    try:
-        tells = bool(env.get_attr("tells_achievement", indices=[0])[0])
-    except AttributeError:
-        tells = False
-    if not tells:
+    if not tells_achievement(env):
         raise ConfigurationError(
             "relabel is True, but this environment does not tell what a rollout achieved: its "
             "attribute tells_achievement must be True and its info hold 'achieved_context'. Give "

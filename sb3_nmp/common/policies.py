@@ -11,6 +11,7 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import PyTorchObs
 
 from sb3_nmp.common.elites import EliteMemory
+from sb3_nmp.common.repertoire import Repertoire
 
 
 class TrajectoryPolicy(BasePolicy):
@@ -46,6 +47,8 @@ class TrajectoryPolicy(BasePolicy):
 class ElitePolicy(TrajectoryPolicy):
     """Answers a context with the best trajectory seen in it, else with what it generalises to.
 
+    A trajectory that achieved the context when another one was asked for counts as seen in it.
+
     :param observation_space: contexts, shape (C,)
     :param action_space: trajectories, shape (T, D)
     """
@@ -53,6 +56,7 @@ class ElitePolicy(TrajectoryPolicy):
     def __init__(self, observation_space: spaces.Box, action_space: spaces.Box) -> None:
         super().__init__(observation_space, action_space)
         self.elites = EliteMemory(self.context_dim, self.trajectory_shape)
+        self.repertoire = Repertoire(self.context_dim, self.trajectory_shape)
 
     @abstractmethod
     def generalise(self, contexts: th.Tensor, deterministic: bool = True) -> th.Tensor:
@@ -66,6 +70,8 @@ class ElitePolicy(TrajectoryPolicy):
         contexts = cast(th.Tensor, observation)
         trajectories = self.generalise(contexts, deterministic)
         if deterministic:
+            known = self.repertoire.find(contexts)
+            trajectories[known >= 0] = self.repertoire.trajectories[known[known >= 0]]
             for row, context in enumerate(contexts):
                 elite = self.elites.find(context)
                 if elite is not None and self._may_answer(elite):

@@ -101,6 +101,7 @@ class PopulationSearch(BufferedAlgorithm):
         self.contextual, self.relabel = contextual, relabel
         self._search: ContextualSearch | None = None
         self._varies: bool | None = None
+        self._tells_achievement = False
         self.n_crossover, self.n_candidates = n_crossover, n_candidates
         self.mutation = mutation
         self.mutation_rate, self.mutation_decay = mutation_rate, mutation_decay
@@ -280,6 +281,9 @@ class PopulationSearch(BufferedAlgorithm):
         if self._varies:
             if self.relabel:
                 environment.check_tells_achievement(env)
+            self._tells_achievement = self.relabel is not False and (
+                environment.tells_achievement(env)
+            )
             self._search = ContextualSearch(self.contextual)
             self.replay_buffer.capacity = None
             self._begin_skill(env)
@@ -300,6 +304,9 @@ class PopulationSearch(BufferedAlgorithm):
         skill, noise = self._skill, cast(NDArray[np.float64], self._noise)[members]
         weights = skill.space.scale.cpu().numpy() * noise
         if skill.is_ready:
+            asked = th.as_tensor(contexts, device=self.device)
+            nearer = self.policy.repertoire.approach(asked, self.contextual.stride)
+            contexts = nearer.cpu().numpy()
             weights = weights + skill.answer(contexts)
         return skill.space.trajectories(contexts, weights)
 
@@ -309,7 +316,15 @@ class PopulationSearch(BufferedAlgorithm):
         n_before = len(buffer) - len(generation)
         search.take(generation.rewards, generation.successes, n_before, was_ready)
         achieved = None if self.relabel is False else buffer.achieved
-        told = 0 if achieved is None else int(np.isfinite(achieved).all(axis=1).sum())
+        tells: NDArray[np.bool_] = np.zeros(0, bool)
+        if achieved is not None:
+            tells = np.asarray(np.isfinite(achieved).all(axis=1))
+        told = int(tells.sum())
+        if achieved is not None and told:
+            self.policy.repertoire.learn(
+                buffer.contexts, achieved, buffer.successes, buffer.trajectories,
+                search.exploration.alike,
+            )  # fmt: skip
         enough = told >= search.exploration.least_achieved or (
             told == 0 and search.example is not None
         )
@@ -322,6 +337,8 @@ class PopulationSearch(BufferedAlgorithm):
             seed = int(self.rng.integers(2**31))
             skill.learn(experience, th.Generator().manual_seed(seed))
             search.learned_from = len(buffer)
+        if not skill.is_ready and self._tells_achievement:
+            search.widen(float(tells[n_before:].mean()))
         rate = float(generation.successes.mean())
         search.adapt(rate, was_ready, skill.is_ready, told > 0)
         self.logger.record("train/exploration", search.scale)
