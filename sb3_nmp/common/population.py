@@ -19,6 +19,7 @@ from sb3_nmp.common.arguments import SharedArguments
 from sb3_nmp.common.buffer import TrajectoryBuffer
 from sb3_nmp.common.buffered import BufferedAlgorithm
 from sb3_nmp.common.contextual import ContextualExploration, ContextualSearch, Experience, Skill
+from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.elites import SAME_CONTEXT
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.pd_controller import PDController
@@ -58,7 +59,8 @@ class PopulationSearch(BufferedAlgorithm):
     :param temperature: stored rollouts are drawn with probability proportional to
         exp(-place / temperature), where the best has place 0; ``math.inf`` draws all alike
     :param demonstrations: whose trajectories the search starts from, whatever their contexts;
-        None starts from the environment's ``initial_trajectory``. They are not saved with the model
+        None starts from the environment's ``initial_trajectory``. They are not saved with the
+        model. Where contexts vary, they count as right in theirs from the beginning
     :param mutation: noise of the first generation, in units of ``exploration_scale``; None switches
         it off
     :param mutation_rate: probability with which each of the noise's bases takes part, after the
@@ -271,13 +273,24 @@ class PopulationSearch(BufferedAlgorithm):
             initial.extend(environment.initial_trajectories(env, space))
         self._skill.space.begin(np.stack(contexts), np.stack(initial), self.first_scale())
         self._last_obs = np.stack(contexts[-env.num_envs :])
+        if self.demonstrations is not None:
+            self._learn_from_demonstrations(
+                self.demonstrations, cast(ContextualSearch, self._search)
+            )
+
+    def _learn_from_demonstrations(self, shown: Demonstrations, search: ContextualSearch) -> None:
+        """Let the skill learn what was shown, before the first rollout."""
+        search.shown = shown.contexts, self._skill.space.weights(shown.contexts, shown.trajectories)
+        self._learn_from_all(search, by_achievement=False)
+        search.adapt(0.0, was_ready=False, is_ready=True, by_achievement=False)
 
     def _explore(self, members: slice, contexts: NDArray[np.float32]) -> NDArray[np.floating]:
         """Return the answers to contexts with noise, shape (n, T, D)."""
         skill, noise = self._skill, cast(NDArray[np.float64], self._noise)[members]
         weights = skill.space.scale.cpu().numpy() * noise
         if skill.is_ready:
-            weights = weights + skill.answer(contexts)
+            which = np.arange(members.start, members.stop)
+            weights = weights + skill.explore(contexts, which)
         return skill.space.trajectories(contexts, weights)
 
     def _learn_skill(self, generation: Generation, search: ContextualSearch) -> None:
@@ -287,22 +300,30 @@ class PopulationSearch(BufferedAlgorithm):
         search.take(generation.rewards, generation.successes, n_before, was_ready)
         achieved = None if self.relabel is False else buffer.achieved
         told = 0 if achieved is None else int(np.isfinite(achieved).all(axis=1).sum())
-        enough = told >= search.exploration.least_achieved or (
-            told == 0 and search.example is not None
-        )
-        if enough and search.is_due(len(buffer)):
-            weights = skill.space.weights(buffer.contexts, buffer.trajectories)
-            experience = Experience(
-                buffer.contexts.astype(np.float64), weights, buffer.rewards, buffer.successes,
-                achieved if told else None, search.example, search.since,
-            )  # fmt: skip
-            seed = int(self.rng.integers(2**31))
-            skill.learn(experience, th.Generator().manual_seed(seed))
-            search.learned_from = len(buffer)
+        if search.has_enough(told) and search.is_due(len(buffer)):
+            self._learn_from_all(search, by_achievement=told > 0)
         rate = float(generation.successes.mean())
         search.adapt(rate, was_ready, skill.is_ready, told > 0)
         self.logger.record("train/exploration", search.scale)
         self.logger.record("train/success_rate", rate)
+
+    def _learn_from_all(self, search: ContextualSearch, by_achievement: bool) -> None:
+        """Let the skill learn from all rollouts, and from what was shown."""
+        buffer, skill = self.replay_buffer, self._skill
+        experience = Experience(
+            buffer.contexts.astype(np.float64),
+            skill.space.weights(buffer.contexts, buffer.trajectories),
+            buffer.rewards,
+            buffer.successes,
+            buffer.achieved if by_achievement else None,
+            search.example,
+            search.since,
+        )
+        if search.shown is not None:
+            experience = experience.after(*search.shown)
+        seed = int(self.rng.integers(2**31))
+        skill.learn(experience, th.Generator().manual_seed(seed))
+        search.learned_from = len(buffer)
 
     def load_replay_buffer(self, path: str) -> None:
         """Read a replay buffer; its rollouts are remembered as elites too.
