@@ -71,9 +71,9 @@ def _start(
     while len(centres) < k:
         far = np.square(left[:, None] - centres).sum(axis=2).min(axis=1) + 1e-12
         centres = np.concatenate([centres, left[rng.choice(len(left), 1, p=far / far.sum())]])
+    shares = np.empty((len(left), k))
     for _ in range(N_STEPS):
-        nearest = np.square(left[:, None] - centres).sum(axis=2).argmin(axis=1)
-        shares = np.eye(k)[nearest]
+        shares = np.eye(k)[np.square(left[:, None] - centres).sum(axis=2).argmin(axis=1)]
         filled = shares.any(axis=0)
         centres[filled] = (shares.T @ left)[filled] / shares.sum(axis=0)[filled, None]
     return shares
