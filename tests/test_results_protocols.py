@@ -188,7 +188,7 @@ def test_evaluations_are_dense_at_first_and_within_the_run():
 )
 def test_a_stream_needs_something_of_each(name: str, value: int):
     with pytest.raises(BenchmarkError, match=f"{name} is {value}; a stream needs at least"):
-        Stream(**{name: value})
+        Stream(**{name: value})  # pyright: ignore[reportArgumentType]
 
 
 def test_a_stream_may_show_nothing():

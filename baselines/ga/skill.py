@@ -90,6 +90,15 @@ class RegressionSkill(nn.Module):
             return ridge(old, weights, new)
         return gaussian_process(old[-NEWEST:], weights[-NEWEST:], new)
 
+    def explore(self, contexts: NDArray[np.floating], members: NDArray[np.intp]) -> FloatArray:
+        """Return the weights around which members of a generation explore: the answers, (n, P).
+
+        :param contexts: shape (n, C)
+        :param members: shape (n,)
+        """
+        del members
+        return self.answer(contexts)
+
     def _load_from_state_dict(  # pyright: ignore[reportIncompatibleMethodOverride]
         self,
         state_dict: dict[str, Any],

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from sb3_nmp import Demonstrations
 DEMONSTRATION_CONTEXTS = 1
 TEST_CONTEXTS = (0, 2)  # the same for all runs, whatever their seed
 
+#: which of the expert's modes are shown: its first one, or all of them in turn
+Modes = Literal["first", "mixed"]
+
 
 @dataclass(frozen=True)
 class Stream(Protocol):
@@ -33,34 +36,46 @@ class Stream(Protocol):
     :param n_test: held-out contexts on which the greedy policy is tried, the same for all runs
     :param n_evaluations: how often that is done, evenly on a logarithmic scale of rollouts: fewer
         where a rollout is slow, or trying the policy would take longer than training it
-    :raises BenchmarkError: a number that is too small
+    :param modes: which of the expert's ways to solve the task are shown: ``"first"``, or
+        ``"mixed"``, all of them in turn, untold which is which
+    :raises BenchmarkError: a number that is too small, or other modes
     """
 
     n_demonstrations: int = 30
     n_contexts: int = 1000
     n_test: int = 1000
     n_evaluations: int = N_BY_ROLLOUTS
+    modes: Modes = "first"
 
     name: ClassVar[str] = "stream"
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
-        for name, value in self.settings.items():
+        """Check the numbers and the modes."""
+        if self.modes not in get_args(Modes):
+            raise BenchmarkError(
+                f"modes is {self.modes!r}; a stream shows {' or '.join(get_args(Modes))}."
+            )
+        for name, value in self._numbers.items():
             least = 0 if name == "n_demonstrations" else 1
             if value < least:
                 raise BenchmarkError(f"{name} is {value}; a stream needs at least {least}.")
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        """The numbers; that of evaluations where it is not what runs without it had."""
-        numbers = {
+        """The numbers, and what is not as it was in runs that did not have it yet."""
+        settings: dict[str, Any] = dict(self._numbers)
+        if self.n_evaluations == N_BY_ROLLOUTS:
+            del settings["n_evaluations"]
+        return settings | ({} if self.modes == "first" else {"modes": self.modes})
+
+    @property
+    def _numbers(self) -> dict[str, int]:
+        return {
             "n_demonstrations": self.n_demonstrations,
             "n_contexts": self.n_contexts,
             "n_test": self.n_test,
+            "n_evaluations": self.n_evaluations,
         }
-        if self.n_evaluations != N_BY_ROLLOUTS:
-            numbers["n_evaluations"] = self.n_evaluations
-        return numbers
 
     def prepare(self, run: RunTask, on_rollouts: OnRollouts | None = None) -> PreparedRun:
         """Demonstrate drawn contexts; the environment draws others.
@@ -88,7 +103,8 @@ class Stream(Protocol):
         if self.n_demonstrations == 0:
             return None
         drawn_by = np.random.default_rng([run.seed, DEMONSTRATION_CONTEXTS])
-        return Demonstrations.from_task(run.task, self.n_demonstrations, drawn_by)
+        modes = run.task.modes if self.modes == "mixed" else None
+        return Demonstrations.from_task(run.task, self.n_demonstrations, drawn_by, modes)
 
     def test_contexts(self, task: Task) -> FloatArray:
         """Return the held-out contexts, shape (n_test, C).

@@ -21,12 +21,12 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Experience:
-    """All rollouts so far, as a skill learns from them.
+    """What was demonstrated, then all rollouts so far, as a skill learns from them.
 
     :param contexts: shape (N, C)
-    :param weights: of the trajectories that were executed, shape (N, P)
-    :param rewards: shape (N,)
-    :param successes: shape (N,)
+    :param weights: of the trajectories, shape (N, P)
+    :param rewards: NaN for a demonstration, which was not executed, shape (N,)
+    :param successes: True for a demonstration, shape (N,)
     :param achieved: contexts in which rollouts would have been right, NaN where in none, shape
         (N, C); None where the environment tells none
     :param example: the row of the first success that counts; others before ``since`` do not
@@ -52,6 +52,28 @@ class Experience:
         if self.example is not None:
             counts[self.example] = True
         return np.flatnonzero(counts)
+
+    @property
+    def rated(self) -> NDArray[np.intp]:
+        """The rows that have a reward: all but the demonstrations."""
+        return np.flatnonzero(~np.isnan(self.rewards))
+
+    def after(self, contexts: FloatArray, weights: FloatArray) -> "Experience":
+        """Return this experience with demonstrations before it, right in their own contexts.
+
+        After a demonstration no success is a first one, so all of them count.
+
+        :param contexts: of the demonstrations, shape (M, C)
+        :param weights: of the same, shape (M, P)
+        """
+        n = len(contexts)
+        return Experience(
+            np.concatenate([contexts, self.contexts]),
+            np.concatenate([weights, self.weights]),
+            np.concatenate([np.full(n, np.nan), self.rewards]),
+            np.concatenate([np.ones(n, bool), self.successes]),
+            None if self.achieved is None else np.concatenate([contexts, self.achieved]),
+        )
 
 
 class Space(Protocol):
@@ -96,6 +118,10 @@ class Skill(Protocol):
 
     def answer(self, contexts: NDArray[np.floating]) -> FloatArray:
         """Return the weights that answer contexts, shape (N, P)."""
+        ...
+
+    def explore(self, contexts: NDArray[np.floating], members: NDArray[np.intp]) -> FloatArray:
+        """Return the weights around which members of a generation explore, shape (n, P)."""
         ...
 
     def learn(self, experience: Experience, generator: th.Generator) -> None:
@@ -154,6 +180,8 @@ class ContextualSearch:
     :param example: row of the first success that counts, None before there is one
     :param since: row from which on every success counts
     :param learned_from: rollouts from which the skill was learned last
+    :param shown: contexts and weights of demonstrations, which are right from the beginning, shapes
+        (M, C) and (M, P)
     """
 
     exploration: ContextualExploration
@@ -161,6 +189,7 @@ class ContextualSearch:
     example: int | None = None
     since: int = 0
     learned_from: int = 0
+    shown: tuple[FloatArray, FloatArray] | None = None
 
     def scales(self, rng: np.random.Generator, n: int, is_ready: bool) -> FloatArray:
         """Return how far each rollout of a generation explores, shape (n,).
@@ -187,6 +216,15 @@ class ContextualSearch:
         if self.example is None and not was_ready and successes.any():
             best = int(np.where(successes, rewards, -np.inf).argmax())
             self.example, self.since = n_before + best, n_before + len(rewards)
+
+    def has_enough(self, told: int) -> bool:
+        """Tell whether a skill can be learned.
+
+        :param told: rollouts that told what they achieved
+        """
+        if self.shown is not None:
+            return True
+        return told >= self.exploration.least_achieved or (told == 0 and self.example is not None)
 
     def adapt(self, rate: float, was_ready: bool, is_ready: bool, by_achievement: bool) -> None:
         """Adapt the noise's scale after a generation.

@@ -149,6 +149,7 @@ class Demonstrations:
         task: str | gym.Env | Expert,
         contexts: ArrayLike | int,
         seed: int | np.random.Generator | None = None,
+        modes: Sequence[str] | None = None,
     ) -> "Demonstrations":
         """Let a task's scripted expert demonstrate.
 
@@ -156,8 +157,10 @@ class Demonstrations:
             with ``demonstrate(context)`` and ``sample_context(rng)``
         :param contexts: shape (N, C), or how many the task is to draw
         :param seed: of the drawn contexts, or the generator itself
+        :param modes: ways to solve the task that are shown in turn, such as ``("s", "reverse_s")``
+            of bottles; None shows the expert's first one alone
         :raises ConfigurationError: the task has no expert
-        :raises InvalidDataError: no context at all
+        :raises InvalidDataError: no context, or no mode, at all
         """
         source: Any = gym.make(task).unwrapped if isinstance(task, str) else task
         source = source.unwrapped if isinstance(source, gym.Env) else source
@@ -173,7 +176,13 @@ class Demonstrations:
             chosen = list(np.asarray(contexts, np.float64))
         if not chosen:
             raise InvalidDataError("no context was given: at least one demonstration is needed.")
-        return cls(np.stack(chosen), np.stack([source.demonstrate(c) for c in chosen]))
+        if modes is not None and (isinstance(modes, str) or not modes):
+            raise InvalidDataError(f"modes is {modes!r}; it must name one or more, or be None.")
+        shown = [
+            source.demonstrate(c, modes[i % len(modes)]) if modes else source.demonstrate(c)
+            for i, c in enumerate(chosen)
+        ]
+        return cls(np.stack(chosen), np.stack(shown))
 
     # -- files ---------------------------------------------------------------------------------
 

@@ -8,27 +8,22 @@ from abc import abstractmethod
 from typing import Unpack, cast
 
 import numpy as np
-import torch as th
 from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
-from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_nmp.common import environment
-from sb3_nmp.common.arguments import SharedArguments
 from sb3_nmp.common.buffer import TrajectoryBuffer
-from sb3_nmp.common.buffered import BufferedAlgorithm
-from sb3_nmp.common.contextual import ContextualExploration, ContextualSearch, Experience, Skill
-from sb3_nmp.common.elites import SAME_CONTEXT
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.operators import take_turns
 from sb3_nmp.common.pd_controller import PDController
 from sb3_nmp.common.policies import ElitePolicy
 from sb3_nmp.common.rollouts import Generation
 from sb3_nmp.common.settings import Rules
+from sb3_nmp.common.skill_search import SkillSearch, SkillSearchArguments
 
 
-class PopulationArguments(SharedArguments, total=False):
+class PopulationArguments(SkillSearchArguments, total=False):
     """Those that all searches by populations share; `PopulationSearch` describes them."""
 
     mutation: SmoothNoise | None
@@ -36,11 +31,9 @@ class PopulationArguments(SharedArguments, total=False):
     pd_controller: PDController | None
     buffer_size: int | None
     n_elites: int
-    contextual: ContextualExploration
-    relabel: bool | None
 
 
-class PopulationSearch(BufferedAlgorithm):
+class PopulationSearch(SkillSearch):
     """A search by populations around the best rollouts so far.
 
     The first generation executes the initial trajectories as they are and, for the rest of the
@@ -60,7 +53,8 @@ class PopulationSearch(BufferedAlgorithm):
     :param temperature: stored rollouts are drawn with probability proportional to
         exp(-place / temperature), where the best has place 0; ``math.inf`` draws all alike
     :param demonstrations: whose trajectories the search starts from, whatever their contexts;
-        None starts from the environment's ``initial_trajectory``. They are not saved with the model
+        None starts from the environment's ``initial_trajectory``. They are not saved with the
+        model. Where contexts vary, they count as right in theirs from the beginning
     :param n_candidates: trajectories that are made for each member, of which one is executed; 1
         executes all that are made
     :param mutation: noise of the first generation, in units of ``exploration_scale``; None switches
@@ -71,10 +65,6 @@ class PopulationSearch(BufferedAlgorithm):
         its last one; None sends trajectories as they are
     :param buffer_size: rollouts kept; None keeps all
     :param n_elites: best rollouts that a full buffer never drops
-    :param contextual: how far rollouts explore where contexts vary
-    :param relabel: whether a rollout counts for the context that it achieved, where contexts vary:
-        None does so where the environment tells one, True asks for an environment that does, False
-        counts a rollout for its own context alone
     """
 
     def __init__(
@@ -94,14 +84,8 @@ class PopulationSearch(BufferedAlgorithm):
         pd_controller: PDController | None = PDController(),  # noqa: B008 (frozen)
         buffer_size: int | None = None,
         n_elites: int = 1,
-        contextual: ContextualExploration = ContextualExploration(),  # noqa: B008 (frozen)
-        relabel: bool | None = None,
-        **shared: Unpack[SharedArguments],
+        **shared: Unpack[SkillSearchArguments],
     ) -> None:
-        self.contextual, self.relabel = contextual, relabel
-        self._search: ContextualSearch | None = None
-        self._varies: bool | None = None
-        self._tells_achievement = False
         self.n_crossover, self.n_candidates = n_crossover, n_candidates
         self.mutation = mutation
         self.mutation_rate, self.mutation_decay = mutation_rate, mutation_decay
@@ -110,7 +94,6 @@ class PopulationSearch(BufferedAlgorithm):
         self.buffer_size, self.n_elites = buffer_size, n_elites
         self._initial: NDArray[np.float64] | None = None
         self._members: NDArray[np.float64] | None = None
-        self._noise: NDArray[np.float64] | None = None
         super().__init__(
             policy, env, population_size=population_size, learning_rate=learning_rate, **shared
         )
@@ -165,9 +148,7 @@ class PopulationSearch(BufferedAlgorithm):
         if self._varies is None:
             self._look_at_contexts()
         if self._search is not None:
-            skill, n = self._skill, self.population_size
-            scales = self._search.scales(self.rng, n, skill.is_ready)
-            self._noise = scales[:, None] * self.rng.standard_normal((n, skill.space.n_weights))
+            self._begin_exploration(self._search)
         elif len(self.replay_buffer) == 0:
             self._members = self._first_members()
         else:
@@ -252,107 +233,3 @@ class PopulationSearch(BufferedAlgorithm):
             self._learn_skill(generation, self._search)
         self.logger.record("train/best_reward", float(self.replay_buffer.rewards.max()))
         self.logger.record("train/buffer_size", len(self.replay_buffer))
-
-    # -- where contexts vary -------------------------------------------------------------------
-
-    @property
-    def _skill(self) -> Skill:
-        return cast(Skill, self.policy.skill)  # pyright: ignore[reportAttributeAccessIssue]
-
-    def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
-        """Exchange the environment; see SB3. Whether its contexts vary is found out anew.
-
-        :param env: the new environment; its spaces must be the old one's
-        :param force_reset: reset it before training goes on
-        :raises ConfigurationError: the population does not fit the number of environments
-        """
-        super().set_env(env, force_reset)
-        if self._search is None:
-            self._varies = None
-
-    def _look_at_contexts(self) -> None:
-        """Find out whether contexts vary, and begin the skill where they do."""
-        env = cast(VecEnv, self.env)
-        drawn = [np.array(self._last_obs, np.float32)]
-        if len(drawn[0]) < 2:
-            drawn.append(np.array(env.reset(), np.float32))
-        self._last_obs = drawn[-1]
-        self._varies = bool(np.any(np.ptp(np.concatenate(drawn), axis=0) > SAME_CONTEXT))
-        if self._varies:
-            if self.relabel:
-                environment.check_tells_achievement(env)
-            self._tells_achievement = self.relabel is not False and (
-                environment.tells_achievement(env)
-            )
-            self._search = ContextualSearch(self.contextual)
-            self.replay_buffer.capacity = None
-            self._begin_skill(env)
-
-    def _begin_skill(self, env: VecEnv) -> None:
-        """Look at the initial trajectories of a few contexts, which costs no rollout."""
-        space = cast(spaces.Box, self.action_space)
-        contexts: list[NDArray[np.float32]] = []
-        initial: list[NDArray[np.float64]] = []
-        while len(contexts) < 2 * (1 + self.policy.context_dim):
-            contexts.extend(np.array(env.reset(), np.float32))
-            initial.extend(environment.initial_trajectories(env, space))
-        self._skill.space.begin(np.stack(contexts), np.stack(initial), self.first_scale())
-        self._last_obs = np.stack(contexts[-env.num_envs :])
-
-    def _explore(self, members: slice, contexts: NDArray[np.float32]) -> NDArray[np.floating]:
-        """Return the answers to contexts with noise, shape (n, T, D)."""
-        skill, noise = self._skill, cast(NDArray[np.float64], self._noise)[members]
-        weights = skill.space.scale.cpu().numpy() * noise
-        if skill.is_ready:
-            asked = th.as_tensor(contexts, device=self.device)
-            nearer = self.policy.repertoire.approach(asked, self.contextual.stride)
-            contexts = nearer.cpu().numpy()
-            weights = weights + skill.answer(contexts)
-        return skill.space.trajectories(contexts, weights)
-
-    def _learn_skill(self, generation: Generation, search: ContextualSearch) -> None:
-        """Take in a generation, adapt the noise, and learn anew where enough has come together."""
-        buffer, skill, was_ready = self.replay_buffer, self._skill, self._skill.is_ready
-        n_before = len(buffer) - len(generation)
-        search.take(generation.rewards, generation.successes, n_before, was_ready)
-        achieved = None if self.relabel is False else buffer.achieved
-        tells: NDArray[np.bool_] = np.zeros(0, bool)
-        if achieved is not None:
-            tells = np.asarray(np.isfinite(achieved).all(axis=1))
-        told = int(tells.sum())
-        if achieved is not None and told:
-            self.policy.repertoire.learn(
-                buffer.contexts, achieved, buffer.successes, buffer.trajectories,
-                search.exploration.alike,
-            )  # fmt: skip
-        enough = told >= search.exploration.least_achieved or (
-            told == 0 and search.example is not None
-        )
-        if enough and search.is_due(len(buffer)):
-            weights = skill.space.weights(buffer.contexts, buffer.trajectories)
-            experience = Experience(
-                buffer.contexts.astype(np.float64), weights, buffer.rewards, buffer.successes,
-                achieved if told else None, search.example, search.since,
-            )  # fmt: skip
-            seed = int(self.rng.integers(2**31))
-            skill.learn(experience, th.Generator().manual_seed(seed))
-            search.learned_from = len(buffer)
-        if not skill.is_ready and self._tells_achievement:
-            search.widen(float(tells[n_before:].mean()))
-        rate = float(generation.successes.mean())
-        search.adapt(rate, was_ready, skill.is_ready, told > 0)
-        self.logger.record("train/exploration", search.scale)
-        self.logger.record("train/success_rate", rate)
-
-    def load_replay_buffer(self, path: str) -> None:
-        """Read a replay buffer; its rollouts are remembered as elites too.
-
-        :param path: of a file that `save_replay_buffer` wrote
-        :raises FileFormatError: it is not such a file
-        :raises InvalidDataError: its rollouts do not fit the environment
-        """
-        super().load_replay_buffer(path)
-        buffer = self.replay_buffer
-        self.policy.elites.update(
-            buffer.contexts, buffer.trajectories, buffer.rewards, buffer.successes
-        )

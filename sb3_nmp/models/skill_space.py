@@ -119,7 +119,7 @@ class SkillSpace(nn.Module):
         gram += RIDGE * np.eye(self.n_bases)
         deviations = np.asarray(trajectories, np.float64) - self.start_from(contexts)
         fitted = np.linalg.solve(gram, bases.T) @ deviations
-        return cast(FloatArray, fitted.reshape(len(fitted), -1))
+        return cast(FloatArray, fitted.reshape(len(fitted), self.n_weights))
 
     def moments(self, weights: th.Tensor) -> th.Tensor:
         """Return the deviations at some moments, shape (..., moments * D); they have a gradient.

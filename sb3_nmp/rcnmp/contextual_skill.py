@@ -82,6 +82,38 @@ class ContextualSkill(nn.Module):
         known = cast(Conditioned, self.conditioned)
         return known.answer(self.space, rows).cpu().numpy().astype(np.float64)
 
+    def explore(
+        self, contexts: NDArray[np.floating], members: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        """Return the weights around which members of a generation explore, shape (n, P).
+
+        They take the modes in turn, so that none is forgotten for having promised less once.
+
+        :param contexts: shape (n, C)
+        :param members: which ones, shape (n,)
+        """
+        answers, _ = self.modes(contexts)
+        return answers[np.arange(len(answers)), members % answers.shape[1]]
+
+    @th.no_grad()
+    def modes(
+        self, contexts: NDArray[np.floating]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the answers of all modes (N, K, P), and what each promises (N, K).
+
+        What was achieved tells no modes apart: K is 1 there, and the promise 0.
+
+        :param contexts: shape (N, C)
+        """
+        known = self.conditioned
+        if not isinstance(known, RewardConditionedSkill):
+            return self.answer(contexts)[:, None], np.zeros((len(contexts), 1))
+        rows = th.as_tensor(
+            np.asarray(contexts), dtype=th.float32, device=self.by_achievement.device
+        )
+        answers, promises = (each.cpu().numpy() for each in known.modes(self.space, rows))
+        return answers.astype(np.float64), promises.astype(np.float64)
+
     def _load_from_state_dict(  # pyright: ignore[reportIncompatibleMethodOverride]
         self,
         state_dict: dict[str, Any],

@@ -1,6 +1,6 @@
 """RC-NMP's policy: the reward-conditioned neural process and the best trajectories seen."""
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch as th
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.type_aliases import Schedule
 from torch import nn
 
+from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.policies import ElitePolicy
 from sb3_nmp.models.neural_process import NeuralProcess
 from sb3_nmp.rcnmp.achievement import RCNMPAchievement
@@ -170,6 +171,29 @@ class RCNMPPolicy(ElitePolicy):
             category = prior.sample()
         drawn = latents if deterministic else th.randn_like(latents)
         return self.generate(contexts, self.network.code(drawn, category))
+
+    def modes(
+        self, contexts: NDArray[np.floating]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the trajectories of all modes (N, K, T, D), and what each promises (N, K).
+
+        The promise is log p(r* | c, w) up to a constant, as far as a success has told r*; before,
+        it is the logarithm of the mode's share of what was right. `predict` answers a new context
+        with the mode that promises most. K is the number of modes found, at most ``n_modes`` of
+        `RCNMPSkill`; the commonest comes first.
+
+        :param contexts: shape (N, C)
+        :raises ConfigurationError: no skill over contexts has been learned
+        """
+        if not self.skill.is_ready:
+            raise ConfigurationError(
+                "no skill over contexts has been learned, so there are no modes to tell apart; "
+                "call learn() on an environment whose contexts vary first."
+            )
+        weights, promises = self.skill.modes(contexts)
+        space = cast(spaces.Box, self.action_space)
+        each = [self.skill.space.trajectories(contexts, w) for w in weights.swapaxes(0, 1)]
+        return np.clip(np.stack(each, axis=1), space.low, space.high), promises
 
     def _may_answer(self, elite: int) -> bool:
         """Return False for a trajectory that failed, where a skill has been learned."""

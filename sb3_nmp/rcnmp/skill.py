@@ -8,11 +8,19 @@ trajectories given a reward; here by Bayes' rule)::
     p(w | c, r*) ~ p(w | c) p(r* | c, w)
 
 found by gradient ascent from the prior's mean. r* is the mean reward of the successes, so the
-answer keeps a margin, which the best rollouts lack. Shape letters: N contexts, M perturbations, E
-members of an ensemble, C context, P weights.
+answer keeps a margin, which the best rollouts lack.
+
+With more than one way ("mode") to do a task, the mean of two ways may be none. So the prior has a
+categorical latent k (chapter 7 names it as future work), ``p(w | c) = sum_k p(k) p(w | c, k)``,
+with an ensemble for each mode that was found among what was right (`sort_into_modes`). The ascent
+begins from every mode's mean, and the mode that promises most, by ``p(r* | c, w)``, answers.
+
+Shape letters: N contexts, M perturbations, E members of an ensemble, K modes found, C context, P
+weights.
 """
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import torch as th
@@ -20,9 +28,11 @@ from numpy.typing import NDArray
 from torch import nn
 
 from sb3_nmp.common.contextual import Experience
+from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.settings import settings_name
 from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining
 from sb3_nmp.models.skill_space import N_MOMENTS, SkillSpace
+from sb3_nmp.rcnmp.modes import sort_into_modes
 
 FloatArray = NDArray[np.float64]
 BETAS = (0.7, 0.95)  # of Adam in the ascent, which has but a few steps
@@ -49,6 +59,8 @@ class RCNMPSkill:
     :param ascent_steps: of Adam
     :param ascent_rate: its learning rate
     :param floor: standard deviation by which the reward model is uncertain at least
+    :param n_modes: the most ways to do a task that are told apart; 1 takes all for one
+    :raises ConfigurationError: no mode
     """
 
     n_bases: int = 8
@@ -63,6 +75,15 @@ class RCNMPSkill:
     ascent_steps: int = 30
     ascent_rate: float = 0.05
     floor: float = 0.1
+    n_modes: int = 1
+
+    def __post_init__(self) -> None:
+        """Check the number of modes."""
+        if not isinstance(self.n_modes, int) or self.n_modes < 1:
+            raise ConfigurationError(
+                f"n_modes is {self.n_modes!r}; it must be a whole number >= 1, where 1 takes all "
+                "that was right for one way to do the task."
+            )
 
 
 class Standardised(nn.Module):
@@ -107,7 +128,8 @@ class RewardConditionedSkill(nn.Module):
     :param settings: of both models and of the ascent
     """
 
-    middle: th.Tensor
+    middles: th.Tensor
+    shares: th.Tensor
     target_reward: th.Tensor
     residual: th.Tensor
 
@@ -121,7 +143,8 @@ class RewardConditionedSkill(nn.Module):
         }
         self.contexts, self.moments = Standardised(context_dim), Standardised(n_moments)
         self.rewards = Standardised(1)
-        self.register_buffer("middle", th.zeros(space.n_weights))
+        self.register_buffer("middles", th.zeros(settings.n_modes, space.n_weights))
+        self.register_buffer("shares", th.zeros(settings.n_modes))  # p(k), 0 of modes not found
         self.register_buffer("target_reward", th.zeros(()))
         self.register_buffer("residual", th.zeros(()))
         self._renew(th.Generator().manual_seed(0))
@@ -129,7 +152,10 @@ class RewardConditionedSkill(nn.Module):
     def _renew(self, generator: th.Generator) -> None:
         """Begin with new networks: trained from scratch, they forget what misled them."""
         n_members = self.settings.n_members
-        self.prior = Ensemble(self.sizes["prior"], n_members, generator)
+        self.priors = nn.ModuleList(
+            Ensemble(self.sizes["prior"], n_members, generator)
+            for _ in range(self.settings.n_modes)
+        )
         self.reward = Ensemble(self.sizes["reward"], n_members, generator)
 
     def learn(self, space: SkillSpace, known: Experience, generator: th.Generator) -> None:
@@ -143,16 +169,32 @@ class RewardConditionedSkill(nn.Module):
         contexts = th.as_tensor(known.contexts, dtype=th.float32)
         weights = th.as_tensor(known.weights, dtype=th.float32)
         self.contexts.take(contexts)
-        right = th.as_tensor(known.right)
-        self.middle.copy_(weights[right].mean(dim=0))
-        self.prior.fit(
-            self.contexts(contexts[right]),
-            (weights[right] - self.middle) / space.scale,
-            _clipped(0.3 * len(weights), self.settings.prior_steps),
-            EnsembleTraining(),
-            generator,
-        )
+        n_steps = _clipped(0.3 * len(weights), self.settings.prior_steps)
+        modes = self._find_modes(space, known)
+        self.shares.zero_()
+        for k, rows in enumerate(map(th.as_tensor, modes)):
+            self.shares[k] = len(rows) / sum(map(len, modes))
+            self.middles[k] = weights[rows].mean(dim=0)
+            self.prior(k).fit(
+                self.contexts(contexts[rows]),
+                (weights[rows] - self.middles[k]) / space.scale,
+                n_steps,
+                EnsembleTraining(),
+                generator,
+            )
         self._learn_rewards(space, contexts, weights, known, generator)
+
+    def _find_modes(self, space: SkillSpace, known: Experience) -> list[NDArray[np.intp]]:
+        """Return the rows of each mode among what was right, the commonest first."""
+        right = known.right
+        if self.settings.n_modes == 1:
+            return [right]
+        labels = sort_into_modes(
+            self.contexts(th.as_tensor(known.contexts[right], dtype=th.float32)).numpy(),
+            known.weights[right] / space.scale.numpy(),
+            self.settings.n_modes,
+        )
+        return [right[labels == k] for k in range(labels.max() + 1)]
 
     def _learn_rewards(
         self,
@@ -162,11 +204,17 @@ class RewardConditionedSkill(nn.Module):
         known: Experience,
         generator: th.Generator,
     ) -> None:
-        rewards = th.as_tensor(known.rewards, dtype=th.float32)[:, None]
+        """Train the reward model on what was executed; before a success it wants no reward."""
+        rated = known.rated
+        self.target_reward.fill_(th.nan)
+        if not known.successes[rated].any():
+            return
+        contexts, weights = contexts[rated], weights[rated]
+        rewards = th.as_tensor(known.rewards[rated], dtype=th.float32)[:, None]
         moments = space.moments(weights)
         self.moments.take(moments, groups=space.n_dimensions)
         self.rewards.take(rewards)
-        succeeded = th.as_tensor(known.successes)
+        succeeded = th.as_tensor(known.successes[rated])
         self.target_reward.copy_(self.rewards(rewards[succeeded].mean(dim=0))[0])
         inputs = th.cat([self.contexts(contexts), self.moments(moments)], dim=1)
         self.reward.fit(
@@ -179,40 +227,79 @@ class RewardConditionedSkill(nn.Module):
         errors = self.reward(inputs).mean(dim=0) - self.rewards(rewards)
         self.residual.copy_((errors**2).mean())
 
-    def prior_mean(self, space: SkillSpace, contexts: th.Tensor) -> th.Tensor:
-        """Return the mean of p(w | c), shape (N, P).
+    @property
+    def n_found(self) -> int:
+        """K."""
+        return int((self.shares > 0).sum())
+
+    def prior(self, k: int) -> Ensemble:
+        """Return the regression of a mode.
+
+        :param k: which one
+        """
+        return cast(Ensemble, self.priors[k])
+
+    def prior_mean(self, space: SkillSpace, contexts: th.Tensor, k: int = 0) -> th.Tensor:
+        """Return the mean of p(w | c, k), shape (N, P).
 
         :param space: of the trajectories' weights
         :param contexts: shape (N, C)
+        :param k: which mode; 0 is the commonest
         """
-        return self.middle + space.scale * self.prior(self.contexts(contexts)).mean(dim=0)
+        return self.middles[k] + space.scale * self.prior(k)(self.contexts(contexts)).mean(dim=0)
 
     def answer(self, space: SkillSpace, contexts: th.Tensor) -> th.Tensor:
-        """Return the mode of p(w | c, r*), shape (N, P).
+        """Return the mode of p(w | c, r*), by its best category, shape (N, P).
 
         :param space: of the trajectories' weights
         :param contexts: shape (N, C)
         """
-        s, start = self.settings, self.prior_mean(space, contexts)
-        if not s.reward_conditioning:
-            return start
+        answers, promises = self.modes(space, contexts)
+        return answers[th.arange(len(answers)), promises.argmax(dim=1)]
+
+    def modes(self, space: SkillSpace, contexts: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
+        """Return each mode's answers, shape (N, K, P), and what they promise, shape (N, K).
+
+        An answer promises log p(r* | c, w) up to a constant, or, as long as no reward is wanted,
+        the logarithm of its mode's share p(k).
+
+        :param space: of the trajectories' weights
+        :param contexts: shape (N, C)
+        """
+        starts = [self.prior_mean(space, contexts, k) for k in range(self.n_found)]
+        if not self.settings.reward_conditioning or bool(self.target_reward.isnan()):
+            shares = self.shares[: self.n_found].log()
+            return th.stack(starts, dim=1), shares.expand(len(contexts), -1)
+        climbed = [self._climb(space, contexts, start) for start in starts]
+        answers, promises = zip(*climbed, strict=True)
+        return th.stack(answers, dim=1), th.stack(promises, dim=1)
+
+    def _climb(
+        self, space: SkillSpace, contexts: th.Tensor, start: th.Tensor
+    ) -> tuple[th.Tensor, th.Tensor]:
+        """Return the mode of p(w | c, r*) next to a mean (N, P), and what it promises (N,)."""
+        s = self.settings
         drawn = th.randn(
             s.n_perturbations // 2, 1, start.shape[1], generator=th.Generator().manual_seed(0)
         )
         perturbations = s.robustness * th.cat([drawn, -drawn])
         seen = self.contexts(contexts).repeat(len(perturbations), 1)
+
+        def unlikely(step: th.Tensor) -> th.Tensor:
+            tried = start + space.scale * (step + perturbations)
+            surprise = self._surprise(space, seen, tried.flatten(0, 1))
+            return surprise.unflatten(0, (len(perturbations), -1)).mean(dim=0)
+
         with th.enable_grad():
             step = th.zeros_like(start, requires_grad=True)
             ascent = th.optim.Adam([step], s.ascent_rate, betas=BETAS)
             for _ in range(s.ascent_steps):
-                tried = start + space.scale * (step + perturbations)
-                unlikely = self._surprise(space, seen, tried.flatten(0, 1))
-                loss = unlikely.unflatten(0, (len(perturbations), -1)).mean(dim=0).sum()
-                loss = loss + 0.5 * (step**2).sum() / s.width**2
+                loss = unlikely(step).sum() + 0.5 * (step**2).sum() / s.width**2
                 ascent.zero_grad()
                 loss.backward()
                 ascent.step()
-        return start + space.scale * step.detach()
+        step = step.detach()
+        return start + space.scale * step, -unlikely(step)
 
     def _surprise(self, space: SkillSpace, contexts: th.Tensor, weights: th.Tensor) -> th.Tensor:
         """Return -log p(r* | c, w) up to a constant, shape (rows,).

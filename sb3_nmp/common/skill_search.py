@@ -1,0 +1,187 @@
+"""`SkillSearch`: a search by populations in ever new contexts, of which a skill learns.
+
+What `sb3_nmp.common.contextual` says is done here: the policy holds the skill, the algorithm the
+search.
+"""
+
+from typing import Unpack, cast
+
+import numpy as np
+import torch as th
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.type_aliases import GymEnv, Schedule
+from stable_baselines3.common.vec_env import VecEnv
+
+from sb3_nmp.common import environment
+from sb3_nmp.common.arguments import SharedArguments
+from sb3_nmp.common.buffered import BufferedAlgorithm
+from sb3_nmp.common.contextual import ContextualExploration, ContextualSearch, Experience, Skill
+from sb3_nmp.common.demonstrations import Demonstrations
+from sb3_nmp.common.elites import SAME_CONTEXT
+from sb3_nmp.common.policies import ElitePolicy
+from sb3_nmp.common.rollouts import Generation
+
+
+class SkillSearchArguments(SharedArguments, total=False):
+    """Those of searches over contexts; `SkillSearch` describes them."""
+
+    contextual: ContextualExploration
+    relabel: bool | None
+
+
+class SkillSearch(BufferedAlgorithm):
+    """Where an environment draws contexts, explore around the answer and learn it from all.
+
+    :param contextual: how far rollouts explore where contexts vary
+    :param relabel: whether a rollout counts for the context that it achieved, where contexts vary:
+        None does so where the environment tells one, True asks for an environment that does, False
+        counts a rollout for its own context alone
+    """
+
+    def __init__(
+        self,
+        policy: str | type[ElitePolicy],
+        env: GymEnv | str,
+        *,
+        population_size: int,
+        learning_rate: float | Schedule = 0.0,
+        contextual: ContextualExploration = ContextualExploration(),  # noqa: B008 (frozen)
+        relabel: bool | None = None,
+        **shared: Unpack[SharedArguments],
+    ) -> None:
+        self.contextual, self.relabel = contextual, relabel
+        self._search: ContextualSearch | None = None
+        self._varies: bool | None = None
+        self._tells_achievement = False
+        self._noise: NDArray[np.float64] | None = None
+        super().__init__(
+            policy, env, population_size=population_size, learning_rate=learning_rate, **shared
+        )
+
+    @property
+    def _skill(self) -> Skill:
+        return cast(Skill, self.policy.skill)  # pyright: ignore[reportAttributeAccessIssue]
+
+    def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
+        """Exchange the environment; see SB3. Whether its contexts vary is found out anew.
+
+        :param env: the new environment; its spaces must be the old one's
+        :param force_reset: reset it before training goes on
+        :raises ConfigurationError: the population does not fit the number of environments
+        """
+        super().set_env(env, force_reset)
+        if self._search is None:
+            self._varies = None
+
+    def _look_at_contexts(self) -> None:
+        """Find out whether contexts vary, and begin the skill where they do."""
+        env = cast(VecEnv, self.env)
+        drawn = [np.array(self._last_obs, np.float32)]
+        if len(drawn[0]) < 2:
+            drawn.append(np.array(env.reset(), np.float32))
+        self._last_obs = drawn[-1]
+        self._varies = bool(np.any(np.ptp(np.concatenate(drawn), axis=0) > SAME_CONTEXT))
+        if self._varies:
+            if self.relabel:
+                environment.check_tells_achievement(env)
+            self._tells_achievement = self.relabel is not False and (
+                environment.tells_achievement(env)
+            )
+            self._search = ContextualSearch(self.contextual)
+            self.replay_buffer.capacity = None
+            self._begin_skill(env)
+
+    def _begin_skill(self, env: VecEnv) -> None:
+        """Look at the initial trajectories of a few contexts, which costs no rollout."""
+        space = cast(spaces.Box, self.action_space)
+        contexts: list[NDArray[np.float32]] = []
+        initial: list[NDArray[np.float64]] = []
+        while len(contexts) < 2 * (1 + self.policy.context_dim):
+            contexts.extend(np.array(env.reset(), np.float32))
+            initial.extend(environment.initial_trajectories(env, space))
+        self._skill.space.begin(np.stack(contexts), np.stack(initial), self.first_scale())
+        self._last_obs = np.stack(contexts[-env.num_envs :])
+        if self.demonstrations is not None:
+            self._learn_from_demonstrations(
+                self.demonstrations, cast(ContextualSearch, self._search)
+            )
+
+    def _learn_from_demonstrations(self, shown: Demonstrations, search: ContextualSearch) -> None:
+        """Let the skill learn what was shown, before the first rollout."""
+        search.shown = shown.contexts, self._skill.space.weights(shown.contexts, shown.trajectories)
+        self._learn_from_all(search, by_achievement=False)
+        search.adapt(0.0, was_ready=False, is_ready=True, by_achievement=False)
+
+    def _begin_exploration(self, search: ContextualSearch) -> None:
+        """Draw the noise of a generation in new contexts."""
+        skill, n = self._skill, self.population_size
+        scales = search.scales(self.rng, n, skill.is_ready)
+        self._noise = scales[:, None] * self.rng.standard_normal((n, skill.space.n_weights))
+
+    def _explore(self, members: slice, contexts: NDArray[np.float32]) -> NDArray[np.floating]:
+        """Return the answers to contexts with noise, shape (n, T, D)."""
+        skill, noise = self._skill, cast(NDArray[np.float64], self._noise)[members]
+        weights = skill.space.scale.cpu().numpy() * noise
+        if skill.is_ready:
+            asked = th.as_tensor(contexts, device=self.device)
+            nearer = self.policy.repertoire.approach(asked, self.contextual.stride)
+            contexts = nearer.cpu().numpy()
+            which = np.arange(members.start, members.stop)
+            weights = weights + skill.explore(contexts, which)
+        return skill.space.trajectories(contexts, weights)
+
+    def _learn_skill(self, generation: Generation, search: ContextualSearch) -> None:
+        """Take in a generation, adapt the noise, and learn anew where enough has come together."""
+        buffer, skill, was_ready = self.replay_buffer, self._skill, self._skill.is_ready
+        n_before = len(buffer) - len(generation)
+        search.take(generation.rewards, generation.successes, n_before, was_ready)
+        achieved = None if self.relabel is False else buffer.achieved
+        tells: NDArray[np.bool_] = np.zeros(0, bool)
+        if achieved is not None:
+            tells = np.asarray(np.isfinite(achieved).all(axis=1))
+        told = int(tells.sum())
+        if achieved is not None and told:
+            self.policy.repertoire.learn(
+                buffer.contexts, achieved, buffer.successes, buffer.trajectories,
+                search.exploration.alike,
+            )  # fmt: skip
+        if search.has_enough(told) and search.is_due(len(buffer)):
+            self._learn_from_all(search, by_achievement=told > 0)
+        if not skill.is_ready and self._tells_achievement:
+            search.widen(float(tells[n_before:].mean()))
+        rate = float(generation.successes.mean())
+        search.adapt(rate, was_ready, skill.is_ready, told > 0)
+        self.logger.record("train/exploration", search.scale)
+        self.logger.record("train/success_rate", rate)
+
+    def _learn_from_all(self, search: ContextualSearch, by_achievement: bool) -> None:
+        """Let the skill learn from all rollouts, and from what was shown."""
+        buffer, skill = self.replay_buffer, self._skill
+        experience = Experience(
+            buffer.contexts.astype(np.float64),
+            skill.space.weights(buffer.contexts, buffer.trajectories),
+            buffer.rewards,
+            buffer.successes,
+            buffer.achieved if by_achievement else None,
+            search.example,
+            search.since,
+        )
+        if search.shown is not None:
+            experience = experience.after(*search.shown)
+        seed = int(self.rng.integers(2**31))
+        skill.learn(experience, th.Generator().manual_seed(seed))
+        search.learned_from = len(buffer)
+
+    def load_replay_buffer(self, path: str) -> None:
+        """Read a replay buffer; its rollouts are remembered as elites too.
+
+        :param path: of a file that `save_replay_buffer` wrote
+        :raises FileFormatError: it is not such a file
+        :raises InvalidDataError: its rollouts do not fit the environment
+        """
+        super().load_replay_buffer(path)
+        buffer = self.replay_buffer
+        self.policy.elites.update(
+            buffer.contexts, buffer.trajectories, buffer.rewards, buffer.successes
+        )
