@@ -2,11 +2,18 @@
 
 from dataclasses import replace
 
-from results.algorithms import ACNMP, CMAES, DREPS, GA, RCNMP, REPS
+from results.algorithms import ACNMP, CMAES, DREPS, GA, JUDGED_GA, RCNMP, REPS
 from results.harness.specification import Algorithm
 from results.harness.suite import Recipe
 from results.one_context.protocol import OneContext
-from sb3_nmp import ACNMPAdaptation, ACNMPCritic, ACNMPExploration, SmoothNoise
+from sb3_nmp import (
+    ACNMPAdaptation,
+    ACNMPCritic,
+    ACNMPExploration,
+    RCNMPRewardModel,
+    RCNMPTraining,
+    SmoothNoise,
+)
 
 #: bases of smooth deviations: a curve through six points bends more often than other tasks' paths;
 #: each method's number was chosen among a few (results/experiments/via_points.md)
@@ -21,7 +28,35 @@ def rcnmp(**settings: object) -> Algorithm:
 
     :param settings: further constructor arguments
     """
-    return replace(RCNMP, settings={"pd_controller": None, **settings})
+    chosen: dict[str, object] = {
+        "pd_controller": None,
+        "population_size": 10,
+        "n_crossover": 8,
+        "n_explorers": 0,
+        "elite_parents": 0.9,
+        "mutation": SmoothNoise(n_bases=NARROW),
+        "mutation_rate": 0.3,
+        "mutation_decay": 0.9,
+        "training": RCNMPTraining(n_steps=30),
+        "reward_model": RCNMPRewardModel(n_steps=60),
+    }
+    return replace(RCNMP, settings={**chosen, **settings})
+
+
+def ga(**settings: object) -> Algorithm:
+    """Return GA without a PD controller.
+
+    :param settings: further constructor arguments
+    """
+    chosen: dict[str, object] = {
+        "pd_controller": None,
+        "population_size": 5,
+        "n_crossover": 4,
+        "mutation": SmoothNoise(n_bases=NARROW),
+        "mutation_rate": 0.3,
+        "mutation_decay": 0.96,
+    }
+    return replace(GA, settings={**chosen, **settings})
 
 
 def acnmp(description: str, **settings: object) -> Algorithm:
@@ -37,7 +72,7 @@ def acnmp(description: str, **settings: object) -> Algorithm:
 
 #: With ``mutation=None`` all rollouts would be the initial trajectory: the first generation, which
 #: has nothing to learn from yet, keeps its noise; no later one has any.
-FIRST_NOISE_ONLY = rcnmp(mutation_decay=1e-9, n_explorers=0)
+FIRST_NOISE_ONLY = rcnmp(mutation_decay=1e-9)
 ALGORITHMS = {
     "RC-NMP": rcnmp(),
     "RC-NMP without crossover": rcnmp(n_crossover=0),
@@ -49,17 +84,8 @@ ALGORITHMS = {
         search="policy",
         adaptation=ACNMPAdaptation("to_go", supervised=False),
     ),
-    "GA": replace(
-        GA,
-        settings={
-            "pd_controller": None,
-            "population_size": 5,
-            "n_crossover": 4,
-            "mutation": SmoothNoise(n_bases=NARROW),
-            "mutation_rate": 0.3,
-            "mutation_decay": 0.96,
-        },
-    ),
+    "GA": ga(),
+    "GA, judged": replace(ga(n_candidates=10), description=JUDGED_GA.description),
     "CMA-ES": replace(CMAES, settings={"n_bases": 15}, description="CMA-ES over smooth deviations"),
     "REPS": replace(REPS, settings={"pd_controller": None, "n_bases": NARROW}),
     "DREPS": replace(DREPS, settings={"pd_controller": None, "n_bases": NARROW}),
