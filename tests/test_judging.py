@@ -14,6 +14,7 @@ from benchmark_envs.tasks.bottles import BOTTLES
 from sb3_nmp import RCNMP, ConfigurationError, RCNMPRewardModel, RCNMPTraining
 from sb3_nmp.common.buffer import TrajectoryBuffer
 from sb3_nmp.common.judging import Wanted, features
+from sb3_nmp.common.niches import View
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.operators import take_turns
 from sb3_nmp.rcnmp.reward_model import judge, success_and_score
@@ -32,6 +33,12 @@ def reward(trajectories: NDArray[np.float64]) -> NDArray[np.float64]:
     return -np.abs(trajectories - target).mean(axis=(1, 2))
 
 
+def asked(buffer: TrajectoryBuffer, candidates: NDArray[np.float64]) -> NDArray[np.float64]:
+    view = View(buffer.rewards, buffer.successes, 20, 1)
+    generator = th.Generator().manual_seed(0)
+    return judge(buffer.trajectories, view, candidates, RCNMPRewardModel(), generator)
+
+
 def filled(n: int, least: float) -> TrajectoryBuffer:
     buffer, shown = TrajectoryBuffer(1, (50, 1)), curves(n, 0)
     rewards = reward(shown)
@@ -42,7 +49,7 @@ def filled(n: int, least: float) -> TrajectoryBuffer:
 @pytest.mark.parametrize("least", [0.99, 0.6], ids=["hardly any success", "many successes"])
 def test_candidates_that_it_prefers_are_better_than_drawn_ones(least: float) -> None:
     candidates = curves(400, 1)
-    told = judge(filled(150, least), candidates, RCNMPRewardModel(), th.Generator().manual_seed(0))
+    told = asked(filled(150, least), candidates)
     assert told.shape == (5, 400)
     earned = reward(candidates)
     chosen = earned[take_turns(told, 20)]
@@ -57,7 +64,7 @@ def test_successes_count_more_than_rewards() -> None:
     right = shown[:, -1, 0] > 0
     buffer.add(np.zeros((150, 1)), shown, reward(shown), right)
     candidates = curves(400, 1)
-    told = judge(buffer, candidates, RCNMPRewardModel(), th.Generator().manual_seed(0))
+    told = asked(buffer, candidates)
     chosen = candidates[take_turns(told, 20)]
     assert (chosen[:, -1, 0] > 0).mean() >= 0.6, "by the score alone: none"
 
@@ -95,7 +102,8 @@ def test_what_is_executed_are_the_most_promising_candidates(algorithm: Any) -> N
     )
     seen: list[NDArray[np.float64]] = []
 
-    def promise(trajectories: NDArray[np.float64]) -> NDArray[np.float64]:
+    def promise(trajectories: NDArray[np.float64], view: View) -> NDArray[np.float64]:
+        assert view.n == 8
         seen.append(trajectories)
         return -np.abs(trajectories[:, 100, :1]).T  # nearest to x = 0
 

@@ -21,6 +21,7 @@ from sb3_nmp import (
     RCNMPTraining,
     SmoothNoise,
 )
+from sb3_nmp.common.niches import View
 from sb3_nmp.models.neural_process import NeuralProcess
 from sb3_nmp.rcnmp.training import Batch, elbo
 
@@ -30,6 +31,11 @@ QUICK: dict[str, Any] = {"population_size": 10, "n_crossover": 6, "training": RC
 
 def learned(budget: int = 30, **settings: Any) -> RCNMP:
     return RCNMP("MlpPolicy", ENV_ID, seed=0, **(QUICK | settings)).learn(budget)
+
+
+def all_of(model: RCNMP) -> View:
+    """Return what all members see where one mode is looked for."""
+    return model._views(10)[0]
 
 
 # -- Eq. 6.2 ---------------------------------------------------------------------------------------
@@ -106,7 +112,7 @@ def test_the_first_rollout_is_the_initial_trajectory_and_its_reward_counts() -> 
 
 def test_children_come_in_pairs_with_swapped_parents_and_one_cut() -> None:
     model = learned(10)
-    plan = model._draw_parents(10, 6)
+    plan = model._draw_parents(10, 6, all_of(model))
     children, twins = slice(4, 7), slice(7, 10)
     for array in (plan.latents, plan.rows):
         np.testing.assert_array_equal(array[0, children], array[1, twins])
@@ -114,8 +120,8 @@ def test_children_come_in_pairs_with_swapped_parents_and_one_cut() -> None:
     np.testing.assert_array_equal(plan.cuts[children], plan.cuts[twins])
     assert (plan.cuts[:4] == 200).all() and (plan.cuts[4:] < 200).all()
     assert (plan.rows[:, :4] == -1).all(), "sampled members come from the network alone"
-    model._draw_parents = lambda n, n_crossover: plan
-    made, cut = model._offspring(10, 6), int(plan.cuts[4])
+    model._draw_parents = lambda n, n_crossover, view: plan
+    made, cut = model._offspring(10, 6, all_of(model)), int(plan.cuts[4])
     first, second = (model._parent(plan.latents[i], plan.rows[i]) for i in (0, 1))
     np.testing.assert_array_equal(made[4, :cut], first[4, :cut])
     np.testing.assert_array_equal(made[4, cut:], second[4, cut:])
@@ -123,7 +129,8 @@ def test_children_come_in_pairs_with_swapped_parents_and_one_cut() -> None:
 
 def test_elite_parents_can_be_all_or_none() -> None:
     for share, stored in ((0.0, False), (1.0, True)):
-        plan = learned(10, elite_parents=share)._draw_parents(10, 6)
+        model = learned(10, elite_parents=share)
+        plan = model._draw_parents(10, 6, all_of(model))
         assert ((plan.rows[:, 4:] >= 0) == stored).all()
         assert (plan.rows[:, :4] == -1).all()
 
@@ -177,8 +184,9 @@ def test_demonstrations_seed_the_search_as_guesses_or_as_rollouts_with_rewards()
     seeded.replay_buffer.add(rollouts.contexts, rollouts.trajectories, rollouts.rewards)
     seeded.learn(10)
     assert len(seeded.replay_buffer) == 11
-    distance = np.abs(seeded.replay_buffer.trajectories[1:, :, 0] - expert[:, 0]).mean()
-    assert distance < 0.12, "the first generation is already made around the demonstration"
+    followed = seeded.replay_buffer.trajectories[1:, :, 0].mean(axis=0) - 0.5
+    alike = np.corrcoef(followed, expert[:, 0] - 0.5)[0, 1]
+    assert alike > 0.5, "the first generation is already made around the demonstration"
 
 
 def test_greedy_predict_is_the_best_rollout_of_its_context() -> None:

@@ -14,6 +14,7 @@ from baselines.ga.policies import GAPolicy
 from baselines.ga.skill import NEWEST, gaussian_process
 from sb3_nmp.common.buffer import selection_weights
 from sb3_nmp.common.judging import Wanted, features
+from sb3_nmp.common.niches import View
 from sb3_nmp.common.operators import blend
 from sb3_nmp.common.population import PopulationArguments, PopulationSearch
 
@@ -49,10 +50,10 @@ class GA(PopulationSearch):
     ) -> None:
         super().__init__(policy, env, **shared)
 
-    def _offspring(self, n: int, n_crossover: int) -> NDArray[np.float64]:
+    def _offspring(self, n: int, n_crossover: int, view: View) -> NDArray[np.float64]:
         """Copy stored rollouts, and cross pairs of the copies over."""
         buffer = self.replay_buffer
-        weights = selection_weights(buffer.rewards, self.temperature)
+        weights = selection_weights(view.rewards, self.temperature)
         rows = self.rng.choice(len(buffer), n, p=weights)
         before, after, cuts = crossover_pairs(
             self.rng, n, n_crossover, self.policy.trajectory_shape[0]
@@ -62,11 +63,11 @@ class GA(PopulationSearch):
         made[n - n_crossover :] = blend(stored[rows[before]], stored[rows[after]], cuts)
         return made
 
-    def _promise(self, trajectories: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _promise(self, trajectories: NDArray[np.float64], view: View) -> NDArray[np.float64]:
         """Let Gaussian processes judge, in the place of RC-NMP's networks."""
         buffer = self.replay_buffer
         known, asked = features(buffer.trajectories[-NEWEST:], trajectories)
-        wanted = Wanted.of(buffer.rewards[-NEWEST:], buffer.successes[-NEWEST:])
+        wanted = Wanted.of(view.rewards[-NEWEST:], view.successes[-NEWEST:])
         if not wanted.is_split:
             return gaussian_process(known, wanted.score[:, None], asked).T
         success = gaussian_process(known, wanted.success[:, None], asked)

@@ -76,6 +76,10 @@ class EliteMemory(nn.Module):
                 self._keep(keep)
                 self._append(context, trajectories[row], *merit)
 
+    def forget(self) -> None:
+        """Forget all."""
+        self._keep(slice(0, 0))
+
     def _append(
         self, context: th.Tensor, trajectory: NDArray[np.floating], solved: bool, reward: float
     ) -> None:

@@ -11,6 +11,7 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import PyTorchObs
 
 from sb3_nmp.common.elites import EliteMemory
+from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.repertoire import Repertoire
 
 
@@ -56,6 +57,7 @@ class ElitePolicy(TrajectoryPolicy):
     def __init__(self, observation_space: spaces.Box, action_space: spaces.Box) -> None:
         super().__init__(observation_space, action_space)
         self.elites = EliteMemory(self.context_dim, self.trajectory_shape)
+        self.ways = EliteMemory(1, self.trajectory_shape)  # by number instead of context
         self.repertoire = Repertoire(self.context_dim, self.trajectory_shape)
 
     @abstractmethod
@@ -77,6 +79,30 @@ class ElitePolicy(TrajectoryPolicy):
                 if elite is not None and self._may_answer(elite):
                     trajectories[row] = self.elites.trajectories[elite]
         return trajectories
+
+    def modes(
+        self, contexts: NDArray[np.floating]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the best trajectory of each mode found (N, K, T, D), and its reward (N, K).
+
+        The first one found comes first; `predict` answers with the best. They are of the one
+        context that was pinned in training, and are returned for each context that is asked.
+
+        :param contexts: shape (N, C)
+        :raises ConfigurationError: no modes were looked for, or none has been found yet
+        """
+        n_found = len(self.ways.rewards)
+        if n_found == 0:
+            raise ConfigurationError(
+                "no modes are known: train with n_modes above 1, until a rollout succeeds."
+            )
+        order = self.ways.contexts[:, 0].argsort().cpu()
+        trajectories = self.ways.trajectories.cpu().numpy()[order].astype(np.float64)
+        shape = (len(contexts), n_found)
+        return (
+            np.broadcast_to(trajectories, (*shape, *self.trajectory_shape)).copy(),
+            np.broadcast_to(self.ways.rewards.cpu().numpy()[order], shape).copy(),
+        )
 
     def _may_answer(self, elite: int) -> bool:
         """Return whether a remembered trajectory goes before what has been learned."""

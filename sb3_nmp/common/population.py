@@ -14,6 +14,7 @@ from stable_baselines3.common.type_aliases import GymEnv, Schedule
 
 from sb3_nmp.common import environment
 from sb3_nmp.common.buffer import TrajectoryBuffer
+from sb3_nmp.common.niches import Niches, View
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.operators import take_turns
 from sb3_nmp.common.pd_controller import PDController
@@ -31,6 +32,7 @@ class PopulationArguments(SkillSearchArguments, total=False):
     pd_controller: PDController | None
     buffer_size: int | None
     n_elites: int
+    n_modes: int
 
 
 class PopulationSearch(SkillSearch):
@@ -65,6 +67,8 @@ class PopulationSearch(SkillSearch):
         its last one; None sends trajectories as they are
     :param buffer_size: rollouts kept; None keeps all
     :param n_elites: best rollouts that a full buffer never drops
+    :param n_modes: ways to do the task that are looked for in one context; with several, half of a
+        generation looks for those missing, and the others are shared out among those found
     """
 
     def __init__(
@@ -84,6 +88,7 @@ class PopulationSearch(SkillSearch):
         pd_controller: PDController | None = PDController(),  # noqa: B008 (frozen)
         buffer_size: int | None = None,
         n_elites: int = 1,
+        n_modes: int = 1,
         **shared: Unpack[SkillSearchArguments],
     ) -> None:
         self.n_crossover, self.n_candidates = n_crossover, n_candidates
@@ -93,24 +98,27 @@ class PopulationSearch(SkillSearch):
         self.pd_controller = pd_controller
         self.buffer_size, self.n_elites = buffer_size, n_elites
         self._initial: NDArray[np.float64] | None = None
+        self.n_modes, self._niches = n_modes, Niches(n_modes)
         self._members: NDArray[np.float64] | None = None
         super().__init__(
             policy, env, population_size=population_size, learning_rate=learning_rate, **shared
         )
 
     @abstractmethod
-    def _offspring(self, n: int, n_crossover: int) -> NDArray[np.float64]:
+    def _offspring(self, n: int, n_crossover: int, view: View) -> NDArray[np.float64]:
         """Return what stored rollouts give, before mutation, shape (n, T, D).
 
         :param n: how many
         :param n_crossover: so many, the last ones, are crossover children; even
+        :param view: what the stored rollouts are worth
         """
 
     @abstractmethod
-    def _promise(self, trajectories: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _promise(self, trajectories: NDArray[np.float64], view: View) -> NDArray[np.float64]:
         """Return how much candidates promise in the opinion of E judges, shape (E, N).
 
         :param trajectories: shape (N, T, D)
+        :param view: what the stored rollouts are worth
         """
 
     def _rules(self) -> Rules:
@@ -120,6 +128,10 @@ class PopulationSearch(SkillSearch):
             "n_crossover": (
                 0 <= self.n_crossover <= n and self.n_crossover % 2 == 0,
                 f"even, >= 0 and at most the population of {n}: two parents have two children",
+            ),
+            "n_modes": (
+                self.n_modes == 1 or (1 < self.n_modes <= n // 2 and self.buffer_size is None),
+                f">= 1, at most half the population of {n}, and above 1 the buffer_size None",
             ),
             "n_candidates": (self.n_candidates >= 1, ">= 1; 1 executes all that are made"),
             "mutation_decay": (0 < self.mutation_decay <= 1, "in (0, 1]"),
@@ -157,37 +169,58 @@ class PopulationSearch(SkillSearch):
     def _first_members(self) -> NDArray[np.float64]:
         """Return the initial trajectories, and mutations of them, shape (N, T, D)."""
         n = self.population_size
-        noise = self._mutations(n, n)
+        noise = self._mutations(n, n, 0)
         noise[: len(self.initial)] = 0.0
         return self._filter(self.initial[np.arange(n) % len(self.initial)] + noise)
 
     def _next_members(self) -> NDArray[np.float64]:
         """Return explorers, and of mutated offspring those that promise most, shape (N, T, D)."""
-        n, explorers, initial = self.population_size, self.n_explorers, self.initial
-        n_made = explorers + (n - explorers) * self.n_candidates
-        noise = self._mutations(n_made, explorers)
-        n_crossover = min(self.n_crossover * self.n_candidates, n_made // 2 * 2)
-        made = self._offspring(n_made, n_crossover)
-        made[:explorers] = initial[np.arange(explorers) % len(initial)]
+        n, explorers = self.population_size, self.n_explorers
+        line = self.initial.mean(axis=0)
+        test = self._niches.to_test(self.replay_buffer, line)
+        tested = [] if test is None else [test[None]]
+        made = []
+        for view in self._views(n - explorers - len(tested)):
+            made.append(self._members_of(view, explorers))
+            explorers = 0
+        return np.concatenate([*tested, *made])
+
+    def _views(self, n: int) -> list[View]:
+        """Return what the rollouts are worth to n members of the next generation."""
+        line = self.initial.mean(axis=0)
+        return self._niches.views(self.replay_buffer, line, n, self._n_updates)
+
+    def _members_of(self, view: View, explorers: int) -> NDArray[np.float64]:
+        """Return explorers and the members of one view, shape (explorers + view.n, T, D)."""
+        n_candidates, initial = view.n * self.n_candidates, self.initial
+        n_made = explorers + n_candidates
+        n_fresh = explorers + int(view.fresh * n_candidates)
+        noise = self._mutations(n_made, n_fresh, view.age)
+        share = (explorers + view.n) / self.population_size
+        n_crossover = 2 * round(share * self.n_crossover / 2) * self.n_candidates
+        n_crossover = min(n_crossover, n_made // 2 * 2)
+        made = self._offspring(n_made, n_crossover, view)
+        made[:n_fresh] = initial[np.arange(n_fresh) % len(initial)]
         made = self._filter(made + noise)
         if self.n_candidates == 1:
             return made
         space = cast(spaces.Box, self.action_space)
         candidates = np.clip(made[explorers:], space.low, space.high)
-        chosen = take_turns(self._promise(candidates), n - explorers)
+        chosen = take_turns(self._promise(candidates, view), view.n)
         return np.concatenate([made[:explorers], candidates[chosen]])
 
-    def _mutations(self, n: int, n_fresh: int) -> NDArray[np.float64]:
+    def _mutations(self, n: int, n_fresh: int, age: int) -> NDArray[np.float64]:
         """Return smooth noise (V), shape (n, T, D).
 
         :param n: how many
         :param n_fresh: so many, the first ones, are as in the first generation
+        :param age: generations since the noise of the others began to decay
         """
         shape = self.policy.trajectory_shape
         noise = np.zeros((n, *shape))
         if self.mutation is not None:
             sigma = np.asarray(self.first_scale())
-            scale = self.mutation_decay**self._n_updates
+            scale = self.mutation_decay**age
             noise[:n_fresh] = sigma * self.mutation.sample(self.rng, n_fresh, shape)
             later = self.mutation.sample(self.rng, n - n_fresh, shape, self.mutation_rate)
             noise[n_fresh:] = scale * (sigma * later)
@@ -231,5 +264,19 @@ class PopulationSearch(SkillSearch):
         )
         if self._search is not None:
             self._learn_skill(generation, self._search)
+        elif self.n_modes > 1:
+            self._learn_modes(len(generation))
         self.logger.record("train/best_reward", float(self.replay_buffer.rewards.max()))
         self.logger.record("train/buffer_size", len(self.replay_buffer))
+
+    def _learn_modes(self, n: int) -> None:
+        """Look for new modes in the last n rollouts, and remember the best rollout of each."""
+        buffer, niches, line = self.replay_buffer, self._niches, self.initial.mean(axis=0)
+        niches.take(buffer, line, len(buffer) - n, self._n_updates + 1)
+        if niches.best:
+            rows = niches.best
+            self.policy.ways.forget()
+            self.policy.ways.update(
+                np.arange(len(rows))[:, None], buffer.trajectories[rows], buffer.rewards[rows]
+            )
+        self.logger.record("train/modes", len(niches.best))

@@ -10,6 +10,7 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 
 from sb3_nmp.common.buffer import RewardScaling, scale_rewards, selection_weights
+from sb3_nmp.common.niches import View
 from sb3_nmp.common.operators import blend
 from sb3_nmp.common.population import PopulationArguments, PopulationSearch
 from sb3_nmp.common.rollouts import Generation
@@ -61,6 +62,9 @@ class RCNMP(PopulationSearch):
     rollouts tell what they achieved, they are demonstrations of that (`RCNMPAchievement`). The
     operators of Fig. 6.1 have no part in it. How this was chosen stands in
     results/experiments/rcnmp_contexts.md.
+
+    With ``n_modes`` above 1 it looks for several ways to do the task in one context
+    (`sb3_nmp.common.niches`); ``policy.modes`` returns them, ``predict`` the best.
 
     Every element can be switched off: ``n_crossover=0``, ``mutation=None``,
     ``pd_controller=None``, ``reward_conditioning=False``, ``beta=0``, ``temperature=math.inf``
@@ -135,28 +139,29 @@ class RCNMP(PopulationSearch):
             ),
         } | dict(super()._rules())
 
-    def _offspring(self, n: int, n_crossover: int) -> NDArray[np.float64]:
+    def _offspring(self, n: int, n_crossover: int, view: View) -> NDArray[np.float64]:
         """Decode samples (III), and cross pairs of parents over (IV)."""
         if not self.policy.is_scaled:  # the buffer was seeded by the user
             self._train()
-        parents = self._draw_parents(n, n_crossover)
+        parents = self._draw_parents(n, n_crossover, view)
         before, after = (
             self._parent(latents, rows)
             for latents, rows in zip(parents.latents, parents.rows, strict=True)
         )
         return blend(before, after, parents.cuts)
 
-    def _draw_parents(self, n: int, n_crossover: int) -> Parents:
+    def _draw_parents(self, n: int, n_crossover: int, view: View) -> Parents:
         """Draw latents of samples, and parents and cuts of pairs of children.
 
         :param n: how many members
         :param n_crossover: so many, the last ones, are crossover children
+        :param view: what the stored rollouts are worth
         """
         rng, n_time_points = self.rng, self.policy.trajectory_shape[0]
         n_plain, n_draws = n - n_crossover, n - n_crossover // 2
         context = self.replay_buffer.contexts[-1]
         latents = self.policy.draw_codes(rng, context, (2, n_draws), self.latent_std)
-        weights = selection_weights(self.replay_buffer.rewards, self.temperature)
+        weights = selection_weights(view.rewards, self.temperature)
         rows = rng.choice(len(weights), (2, n_draws), p=weights)
         rows[rng.uniform(size=rows.shape) >= self.elite_parents] = -1
         rows[:, :n_plain] = -1
@@ -182,10 +187,11 @@ class RCNMP(PopulationSearch):
         stored = self.replay_buffer.trajectories[rows]
         return np.where((rows >= 0)[:, None, None], stored, decoded.cpu().numpy())
 
-    def _promise(self, trajectories: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _promise(self, trajectories: NDArray[np.float64], view: View) -> NDArray[np.float64]:
         """Let an ensemble that has seen all rollouts judge."""
         generator = th.Generator().manual_seed(int(self.rng.integers(2**31)))
-        return judge(self.replay_buffer, trajectories, self.reward_model, generator)
+        stored = self.replay_buffer.trajectories
+        return judge(stored, view, trajectories, self.reward_model, generator)
 
     def _end_generation(self, generation: Generation) -> None:
         super()._end_generation(generation)
@@ -210,7 +216,7 @@ class RCNMP(PopulationSearch):
             policy.times,
             policy.normalise(buffer.trajectories),
             policy.condition(contexts, rewards),
-            selection_weights(buffer.rewards, self.temperature),
+            self._shares(),
             policy.latent_dim,
             self.rng,
         ):
@@ -223,6 +229,12 @@ class RCNMP(PopulationSearch):
             self.logger.record("train/loss", bound.loss.item())
             self.logger.record("train/log_likelihood", bound.log_likelihood.item())
             self.logger.record("train/kl_divergence", bound.divergence.item())
+
+    def _shares(self) -> NDArray[np.float64]:
+        """Return with which probabilities stored rollouts are drawn, all modes alike, (N,)."""
+        views = self._views(self.population_size)
+        each = [selection_weights(view.rewards, self.temperature) for view in views]
+        return np.mean(each, axis=0)
 
     def _get_torch_save_params(self) -> tuple[list[str], list[str]]:
         return ["policy", "policy.optimizer"], []

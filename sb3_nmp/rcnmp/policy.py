@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from stable_baselines3.common.type_aliases import Schedule
 from torch import nn
 
-from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.policies import ElitePolicy
 from sb3_nmp.models.neural_process import NeuralProcess
 from sb3_nmp.rcnmp.achievement import RCNMPAchievement
@@ -177,19 +176,18 @@ class RCNMPPolicy(ElitePolicy):
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the trajectories of all modes (N, K, T, D), and what each promises (N, K).
 
-        The promise is log p(r* | c, w) up to a constant, as far as a success has told r*; before,
-        it is the logarithm of the mode's share of what was right. `predict` answers a new context
-        with the mode that promises most. K is the number of modes found, at most ``n_modes`` of
-        `RCNMPSkill`; the commonest comes first.
+        Of a skill over contexts the promise is log p(r* | c, w) up to a constant, as far as a
+        success has told r*; before, it is the logarithm of the mode's share of what was right.
+        `predict` answers a new context with the mode that promises most. K is the number of modes
+        found, at most ``n_modes`` of `RCNMPSkill`; the commonest comes first.
+
+        Where one context was pinned, they are the best rollouts of its modes, and their rewards.
 
         :param contexts: shape (N, C)
-        :raises ConfigurationError: no skill over contexts has been learned
+        :raises ConfigurationError: no modes were looked for, or none has been found yet
         """
         if not self.skill.is_ready:
-            raise ConfigurationError(
-                "no skill over contexts has been learned, so there are no modes to tell apart; "
-                "call learn() on an environment whose contexts vary first."
-            )
+            return super().modes(contexts)
         weights, promises = self.skill.modes(contexts)
         space = cast(spaces.Box, self.action_space)
         each = [self.skill.space.trajectories(contexts, w) for w in weights.swapaxes(0, 1)]

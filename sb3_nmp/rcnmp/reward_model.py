@@ -15,8 +15,9 @@ import torch as th
 from numpy.typing import NDArray
 from torch import nn
 
-from sb3_nmp.common.buffer import TrajectoryBuffer, selection_weights
+from sb3_nmp.common.buffer import selection_weights
 from sb3_nmp.common.judging import Wanted, features
+from sb3_nmp.common.niches import View
 from sb3_nmp.common.settings import settings_name
 from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining
 
@@ -48,7 +49,8 @@ class RCNMPRewardModel:
 
 
 def judge(
-    buffer: TrajectoryBuffer,
+    stored: NDArray[np.floating],
+    view: View,
     candidates: FloatArray,
     settings: RCNMPRewardModel,
     generator: th.Generator,
@@ -57,20 +59,19 @@ def judge(
 
     As long as too few rollouts have succeeded, it is the place of the reward instead.
 
-    :param buffer: all rollouts so far
+    :param stored: all rollouts so far, shape (M, T, D)
+    :param view: what they are worth
     :param candidates: w, shape (N, T, D)
     :param settings: of the ensemble
     :param generator: of weights and batches
     """
-    known, asked = (
-        th.as_tensor(rows, dtype=th.float32) for rows in features(buffer.trajectories, candidates)
-    )
-    wanted = Wanted.of(buffer.rewards, buffer.successes)
+    known, asked = (th.as_tensor(rows, dtype=th.float32) for rows in features(stored, candidates))
+    wanted = Wanted.of(view.rewards, view.successes)
     columns = [wanted.success, wanted.score] if wanted.is_split else [wanted.score]
     targets = th.as_tensor(np.stack(columns, axis=1), dtype=th.float32)
     sizes = [known.shape[1], *settings.arch, len(columns)]
     ensemble = Ensemble(sizes, settings.n_members, generator)
-    shares = 0.5 * selection_weights(buffer.rewards, settings.temperature) + 0.5 / len(buffer)
+    shares = 0.5 * selection_weights(view.rewards, settings.temperature) + 0.5 / len(stored)
     loss = success_and_score if wanted.is_split else nn.functional.mse_loss
     with th.enable_grad():
         ensemble.fit(known, targets, settings.n_steps, settings.training, generator, loss, shares)

@@ -1,0 +1,154 @@
+"""Several ways to do a task in one context, found and kept in one run.
+
+Two solutions are one way if the trajectory midway between them succeeds too; where it fails, a
+valley lies between them (the hill-valley test of Ursem, "Multinational evolutionary algorithms",
+1999). The test costs one rollout, and is made only for a success that is nearer to the initial
+trajectory than to what is known. Shape letters: N rollouts, T x D trajectory.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_nmp.common.buffer import TrajectoryBuffer
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class View:
+    """What the rollouts so far are worth to some members of a generation.
+
+    :param rewards: shape (N,); what is none of their business is worst
+    :param successes: shape (N,)
+    :param n: how many members see it so
+    :param age: generations since their noise began to decay
+    :param fresh: share of their candidates that are made as in the first generation
+    """
+
+    rewards: FloatArray
+    successes: NDArray[np.bool_]
+    n: int
+    age: int
+    fresh: float = 0.0
+
+
+@dataclass
+class Niches:
+    """How far the search for several ways has come; it is saved with the model.
+
+    :param n_modes: how many are looked for
+    :param best: row of the best rollout of each way that was found
+    :param born: the generation in which each was found
+    :param same: rows that turned out to be of a known way
+    :param pending: row of the success whose test is under way, None if there is none
+    """
+
+    n_modes: int
+    best: list[int] = field(default_factory=list)
+    born: list[int] = field(default_factory=list)
+    same: list[int] = field(default_factory=list)
+    pending: int | None = None
+
+    def take(
+        self, buffer: TrajectoryBuffer, initial: FloatArray, first: int, generation: int
+    ) -> None:
+        """Draw the conclusions of a generation.
+
+        A success may become the best of the way to whose best it is nearest so far: ways change by
+        small steps, so their first rollouts soon tell little about them.
+
+        :param buffer: all rollouts so far
+        :param initial: shape (T, D)
+        :param first: row of the generation's first rollout
+        :param generation: its number
+        """
+        new = np.arange(first, len(buffer))
+        if self.pending is not None:
+            if buffer.successes[first]:
+                self.same += [self.pending, first]
+                new = np.append(new, self.pending)
+            else:
+                self._found(self.pending, generation)
+            self.pending = None
+        elif not self.best and buffer.successes.any():
+            merit = np.where(buffer.successes, buffer.rewards, -np.inf)
+            self._found(int(merit.argmax()), 0)
+        if self.best:
+            labels = self.labels(buffer, initial)
+            for row in new[buffer.successes[new] & (labels[new] >= 0)]:
+                if buffer.rewards[row] > buffer.rewards[self.best[labels[row]]]:
+                    self.best[labels[row]] = int(row)
+
+    def _found(self, row: int, generation: int) -> None:
+        self.best.append(row)
+        self.born.append(generation)
+
+    def labels(self, buffer: TrajectoryBuffer, initial: FloatArray) -> NDArray[np.intp]:
+        """Return the way of each rollout, -1 for those of none that is known, shape (N,).
+
+        A rollout is of the way to whose best it is nearest, unless it is nearer to the initial
+        trajectory.
+
+        :param buffer: all rollouts so far
+        :param initial: shape (T, D)
+        """
+        centres = [initial, *buffer.trajectories[self.best]]
+        distances = np.stack([_distances(buffer, centre) for centre in centres])
+        nearest = distances.argmin(axis=0) - 1
+        nearest[self.same] = distances[1:, self.same].argmin(axis=0)
+        return nearest
+
+    def views(
+        self, buffer: TrajectoryBuffer, initial: FloatArray, n: int, generation: int
+    ) -> list[View]:
+        """Share the members of a generation out: half of them look for ways that are missing.
+
+        :param buffer: all rollouts so far
+        :param initial: shape (T, D)
+        :param n: members
+        :param generation: the number of generations so far
+        """
+        if not self.best:
+            return [View(buffer.rewards, buffer.successes, n, generation)]
+        labels = self.labels(buffer, initial)
+        n_new = n // 2 if len(self.best) < self.n_modes else 0
+        shares = [len(part) for part in np.array_split(np.arange(n - n_new), len(self.best))]
+        views = [
+            _view(buffer, labels == k, share, generation - self.born[k])
+            for k, share in enumerate(shares)
+        ]
+        if n_new:
+            views.append(_view(buffer, labels == -1, n_new, 0, fresh=0.5))
+        return [view for view in views if view.n]
+
+    def to_test(self, buffer: TrajectoryBuffer, initial: FloatArray) -> FloatArray | None:
+        """Return the trajectory midway between a new success and what is known, shape (T, D).
+
+        :param buffer: all rollouts so far
+        :param initial: shape (T, D)
+        :return: None where there is nothing to test
+        """
+        if not self.best or len(self.best) == self.n_modes:
+            return None
+        rows = np.flatnonzero(buffer.successes & (self.labels(buffer, initial) == -1))
+        if len(rows) == 0:
+            return None
+        self.pending = int(rows[buffer.rewards[rows].argmax()])
+        stored = buffer.trajectories.astype(np.float64)
+        nearest = _distances(buffer, stored[self.pending])[self.best].argmin()
+        return 0.5 * (stored[self.pending] + stored[self.best[int(nearest)]])
+
+
+def _view(
+    buffer: TrajectoryBuffer, mine: NDArray[np.bool_], n: int, age: int, fresh: float = 0.0
+) -> View:
+    worst = buffer.rewards.min() - 1.0
+    rewards = np.where(mine, buffer.rewards, worst)
+    return View(rewards, buffer.successes & mine, n, age, fresh)
+
+
+def _distances(buffer: TrajectoryBuffer, trajectory: NDArray[np.floating]) -> FloatArray:
+    """Return the root mean square distances of all rollouts from a trajectory, shape (N,)."""
+    return np.sqrt(((buffer.trajectories - trajectory) ** 2).mean(axis=(1, 2))).astype(np.float64)

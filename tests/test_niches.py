@@ -1,0 +1,120 @@
+"""Several ways in one context: found by the hill-valley test, kept apart, returned by `modes`."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from baselines import GA
+from benchmark_envs import make_task
+from benchmark_envs.tasks.bottles import BOTTLES
+from sb3_nmp import RCNMP, ConfigurationError, RCNMPTraining
+from sb3_nmp.common.buffer import TrajectoryBuffer
+from sb3_nmp.common.niches import Niches
+
+ENV_ID = "nmp/Bottles-v0"
+INITIAL = np.zeros((10, 1))
+
+
+def rollouts(*heights: tuple[float, float, bool]) -> TrajectoryBuffer:
+    """Flat trajectories at some height, with reward and success."""
+    buffer = TrajectoryBuffer(1, (10, 1))
+    for height, reward, success in heights:
+        buffer.add(
+            np.zeros((1, 1)), np.full((1, 10, 1), height), np.array([reward]), np.array([success])
+        )
+    return buffer
+
+
+def test_the_first_way_is_that_of_the_best_success() -> None:
+    niches = Niches(2)
+    buffer = rollouts((0.0, -8.0, False), (1.0, -2.0, True), (1.2, -1.0, True))
+    niches.take(buffer, INITIAL, 0, 1)
+    assert (niches.best, niches.born) == ([2], [0])
+    assert niches.labels(buffer, INITIAL).tolist() == [-1, 0, 0]
+    assert niches.to_test(buffer, INITIAL) is None, "no success lies elsewhere"
+
+
+@pytest.mark.parametrize("valley", [True, False])
+def test_a_valley_midway_tells_two_ways_apart(valley: bool) -> None:
+    niches = Niches(2)
+    buffer = rollouts((1.0, -1.0, True), (-0.6, -1.5, True))
+    niches.take(buffer, INITIAL, 0, 1)
+    midway = niches.to_test(buffer, INITIAL)
+    assert midway is not None
+    np.testing.assert_allclose(midway, 0.2, atol=1e-6)
+    buffer.add(
+        np.zeros((1, 1)), midway[None], np.array([-9.0 if valley else -0.5]), np.array([not valley])
+    )
+    niches.take(buffer, INITIAL, 2, 2)
+    if valley:
+        assert (niches.best, niches.born) == ([0, 1], [0, 2])
+        assert niches.labels(buffer, INITIAL).tolist() == [0, 1, -1]
+    else:
+        assert niches.best == [2], "what lies midway is of the way, and better"
+        assert set(niches.labels(buffer, INITIAL)) == {0}
+        assert niches.to_test(buffer, INITIAL) is None, "no success is tested twice"
+
+
+def test_members_are_shared_out_and_each_sees_its_own_way() -> None:
+    niches = Niches(3)
+    heights = [(1.0, -1.0, True), (-1.0, -1.5, True), (0.1, -3.0, False), (0.0, -9.0, False)]
+    buffer = rollouts(*heights)
+    niches.best, niches.born = [0, 1], [0, 4]
+    views = niches.views(buffer, INITIAL, 20, 6)
+    assert [(view.n, view.age, view.fresh) for view in views] == [
+        (5, 6, 0.0),
+        (5, 2, 0.0),
+        (10, 0, 0.5),
+    ]
+    assert [int(view.rewards.argmax()) for view in views] == [0, 1, 2]
+    assert [view.successes.tolist() for view in views[:2]] == [
+        [True, False, False, False],
+        [False, True, False, False],
+    ]
+    assert not views[2].successes.any()
+    niches.n_modes = 2
+    assert [view.n for view in niches.views(buffer, INITIAL, 19, 6)] == [10, 9]
+
+
+def passes_at_larger_x(trajectories: NDArray[np.floating]) -> NDArray[np.bool_]:
+    at = np.abs(trajectories[..., 1] - BOTTLES[1]).argmin(axis=-1)
+    return np.take_along_axis(trajectories[..., 0], at[..., None], -1)[..., 0] > 0.5
+
+
+def test_one_run_finds_both_ways_through_the_bottles(tmp_path: Path) -> None:
+    model = GA("MlpPolicy", ENV_ID, seed=1000, n_modes=2, n_candidates=10, n_explorers=1).learn(260)
+    context = BOTTLES.astype(np.float32)[None]
+    trajectories, rewards = model.policy.modes(context)
+    assert trajectories.shape == (1, 2, 200, 2) and rewards.shape == (1, 2)
+    assert set(passes_at_larger_x(trajectories[0])) == {True, False}
+    rollouts = make_task(ENV_ID).simulate(BOTTLES, trajectories[0])
+    assert rollouts.successes.all()
+    np.testing.assert_allclose(rollouts.rewards, rewards[0], atol=1e-3)
+    answer, _ = model.predict(context, deterministic=True)
+    np.testing.assert_allclose(answer[0], trajectories[0, rewards[0].argmax()], atol=1e-6)
+    model.save(tmp_path / "model.zip")
+    again, _ = GA.load(tmp_path / "model.zip").policy.modes(context)
+    np.testing.assert_array_equal(again, trajectories)
+
+
+def test_the_networks_search_takes_turns_too() -> None:
+    settings: dict[str, Any] = {"training": RCNMPTraining(5), "n_candidates": 3}
+    make: Any = RCNMP
+    model = make("MlpPolicy", ENV_ID, seed=0, n_modes=2, **settings).learn(60)
+    shares = model._shares()
+    assert shares.shape == (60,) and shares.sum() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("settings", [{"n_modes": 11}, {"n_modes": 0}, {"buffer_size": 100}])
+def test_a_wrong_number_of_modes_is_refused(settings: dict[str, Any]) -> None:
+    make: Any = RCNMP
+    with pytest.raises(ConfigurationError, match=r"n_modes is .* at most half the population of 20"):
+        make("MlpPolicy", ENV_ID, **{"n_modes": 2, **settings})
+
+
+def test_modes_are_asked_for_too_early() -> None:
+    with pytest.raises(ConfigurationError, match="train with n_modes above 1"):
+        RCNMP("MlpPolicy", ENV_ID).policy.modes(BOTTLES[None])
