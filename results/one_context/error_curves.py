@@ -38,7 +38,7 @@ def error_curves(curves: pd.DataFrame, labels: Sequence[str], unit: str) -> Figu
         axes.set(xlabel="rollouts", ylabel=f"error [{unit}]", **limits)
         plain_axes(axes)
         below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.14)}
-        axes.legend(**below, ncols=3, frameon=False, fontsize=9)
+        axes.legend(**below, ncols=2, frameon=False, fontsize=9)
     figure.suptitle(
         f"{curves['task'].iloc[0]}: error of the best rollout so far, mean and standard error"
     )
