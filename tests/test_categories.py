@@ -9,9 +9,10 @@ from torch.distributions import Normal, kl_divergence
 
 from benchmark_envs.tasks.bottles import BOTTLES
 from results.sampling.curves import BUNDLES, bundle_heights, curves
-from results.sampling.measures import in_gap
-from results.sampling.models import Sampler, SamplingTraining, train_sampler
+from results.sampling.measures import bundles_found, in_gap
+from results.sampling.models import Sampler, SamplingTraining, Start, train_sampler
 from sb3_nmp import RCNMP, ConfigurationError, RCNMPTraining
+from sb3_nmp.models.cnmp_training import cosine
 from sb3_nmp.models.neural_process import NeuralProcess
 from sb3_nmp.rcnmp.training import Batch, elbo
 
@@ -154,7 +155,7 @@ def test_categories_are_drawn_as_often_as_the_prior_says_and_reach_what_is_gener
 
 # -- that categories are used ----------------------------------------------------------------------
 
-SHORT = SamplingTraining(n_steps=1000)
+SHORT = SamplingTraining(n_steps=1000, n_starts=2, start_steps=200)
 
 
 def two_bundles(n_categories: int) -> Sampler:
@@ -172,3 +173,47 @@ def test_two_categories_leave_the_gap_between_two_bundles_empty() -> None:
     assert in_gap(drawn, bundles).mean() < 0.1
     without, _ = two_bundles(1).draw(500, rng)
     assert in_gap(without, bundles).mean() > 0.25
+
+
+def test_the_start_of_the_least_loss_goes_on_and_one_category_has_one_start(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told, trained = [[9.0, 3.0], [9.0, 2.0], [0.0, 4.0], []], list[tuple[Start, int]]()
+    monkeypatch.setattr("results.sampling.models.JUDGED", 1)
+
+    def train(start: Start, until: int) -> list[float]:
+        trained.append((start, until))
+        return told[len(trained) - 1]
+
+    monkeypatch.setattr(Start, "train", train)
+    shown, three = curves([0.1, 0.2]), SamplingTraining(50, n_starts=3, start_steps=20)
+    sampler = train_sampler(shown, 2, 0, three)
+    assert [until for _, until in trained] == [20, 20, 20, 50]
+    assert trained[3][0] is trained[1][0] and sampler.network is trained[1][0].network
+    weights = [start.network.decoder.from_latent.weight for start, _ in trained[:2]]
+    assert not th.equal(*weights), "starts differ"
+    trained.clear()
+    train_sampler(shown, 1, 0, three)
+    assert len({start for start, _ in trained}) == 1
+
+
+def test_training_in_two_parts_is_training_in_one() -> None:
+    values, times = th.as_tensor(curves([0.1, 0.2]), dtype=th.float32), th.linspace(0, 1, 200)
+    once, twice = (
+        (th.manual_seed(0), Start(values, times, 2, 0, SamplingTraining(8)))[1] for _ in range(2)
+    )
+    losses = once.train(6)
+    assert twice.train(2) + twice.train(6) == losses and len(losses) == 6
+    assert twice.optimizer.param_groups[0]["lr"] == cosine(5e-3, 5 / 8), "that of the sixth step"
+
+
+@pytest.mark.slow
+def test_six_categories_find_six_bundles_where_a_single_start_does_not() -> None:
+    bundles = BUNDLES["six bundles"]
+    found = []
+    for n_starts in (1, 5):
+        sampler = train_sampler(
+            curves(bundle_heights(bundles)), 6, 1000, SamplingTraining(n_starts=n_starts)
+        )
+        found.append(bundles_found(*sampler.draw(1000, np.random.default_rng(0)), bundles))
+    assert found[0] < found[1] == 6

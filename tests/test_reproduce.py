@@ -62,7 +62,9 @@ def sampled(label: str, variant: str, k: int, **more: Any) -> RunRecord:
     asked = specification(label, 0, "sampling", protocol=ProtocolRecord("sampling"))
     asked = replace(asked, variant=variant, settings={"n_categories": k})
     paths = [[0.0] * 200] * 2
-    return finished_run(asked, {"rollouts": [0]}, more={"samples": paths, **more})
+    return finished_run(
+        asked, {"rollouts": [0]}, more={"samples": paths, "categories": [0, k - 1], **more}
+    )
 
 
 @pytest.mark.parametrize("good", [True, False])

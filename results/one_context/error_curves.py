@@ -22,7 +22,7 @@ def error_curves(curves: pd.DataFrame, labels: Sequence[str], unit: str) -> Figu
     """
     found = set(curves["label"])
     shown = [label for label in labels if label in found]
-    figure = Figure(figsize=(12, 4.8), layout="constrained")
+    figure = Figure(figsize=(12, 5.4), layout="constrained")
     algorithms, variants = figure.subplots(1, 2)
     for label in shown:
         chosen = curves.loc[curves["label"] == label]
@@ -37,7 +37,8 @@ def error_curves(curves: pd.DataFrame, labels: Sequence[str], unit: str) -> Figu
         limits = {"xlim": (0, ROOM * max(curves["rollouts"].to_list())), "ylim": (0, None)}
         axes.set(xlabel="rollouts", ylabel=f"error [{unit}]", **limits)
         plain_axes(axes)
-        axes.legend(frameon=False, fontsize=9)
+        below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.14)}
+        axes.legend(**below, ncols=2, frameon=False, fontsize=9)
     figure.suptitle(
         f"{curves['task'].iloc[0]}: error of the best rollout so far, mean and standard error"
     )

@@ -4,6 +4,7 @@ Shape letters: N samples, M demonstrations, T time points.
 """
 
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 import torch as th
@@ -18,6 +19,7 @@ from sb3_nmp.models.neural_process import NeuralProcess
 from sb3_nmp.rcnmp.training import batches, elbo
 
 START = (0.0, 0.0)  # time and value of the one conditioning point
+JUDGED = 100  # steps whose mean loss tells starts apart
 
 
 @dataclass(frozen=True)
@@ -25,14 +27,18 @@ class SamplingTraining:
     """How RC-NMP's network is trained on demonstrations; chosen on seeds from 1000 on.
 
     The weight of z's divergence falls from ``first_beta`` to ``beta`` on a logarithmic scale, for
-    categories only: while z is dear, k has to tell the modes apart.
+    categories only: while z is dear, k has to tell the modes apart. Which modes it joins is settled
+    then, as in k-means, and does not mend later; so several networks begin, and the one of the
+    least loss goes on.
 
-    :param n_steps: steps of Adam
+    :param n_steps: steps of Adam, of the network that goes on
     :param batch_size: demonstrations per step, drawn with replacement
     :param n_target_points: random time points of each at which it is predicted
     :param learning_rate: at the start; it falls to a hundredth along a cosine
     :param beta: weight of z's divergence in the end
     :param first_beta: at the start, with several categories
+    :param n_starts: networks that begin, with several categories
+    :param start_steps: after how many of the steps they are compared
     """
 
     n_steps: int = 2000
@@ -41,6 +47,8 @@ class SamplingTraining:
     learning_rate: float = 5e-3
     beta: float = 0.3
     first_beta: float = 100.0
+    n_starts: int = 5
+    start_steps: int = 400
 
 
 class Sampler:
@@ -70,6 +78,55 @@ class Sampler:
         return self.scale * drawn.numpy().astype(np.float64), category
 
 
+class Start:
+    """A network in training; those of equal seeds see the same batches.
+
+    :param values: trajectories in the network's unit, shape (M, T, 1)
+    :param times: in [0, 1], shape (T,)
+    :param n_categories: K
+    :param seed: of the batches
+    :param training: how
+    """
+
+    def __init__(
+        self, values: th.Tensor, times: th.Tensor, n_categories: int, seed: int,
+        training: SamplingTraining,
+    ) -> None:  # fmt: skip
+        self.training, self.n_done = training, 0
+        self.network = NeuralProcess(1, 1, 4, [64, 64], [64, 64], 4, 0.1, nn.Tanh, n_categories)
+        self.optimizer = th.optim.Adam(
+            self.network.parameters(), training.learning_rate, fused=True
+        )
+        self.batches = batches(
+            RCNMPTraining(training.n_steps, training.batch_size, training.n_target_points, 20),
+            times,
+            values,
+            th.zeros(len(values), 1),
+            np.full(len(values), 1 / len(values)),
+            self.network.latent_dim,
+            np.random.default_rng(seed),
+        )
+
+    def train(self, until: int) -> list[float]:
+        """Train on, and return the loss of each step.
+
+        :param until: steps since the beginning, not fewer than were done
+        """
+        training, losses = self.training, list[float]()
+        raised = training.first_beta / training.beta if self.network.n_categories > 1 else 1.0
+        for batch in islice(self.batches, until - self.n_done):
+            progress = self.n_done / training.n_steps
+            self.optimizer.param_groups[0]["lr"] = cosine(training.learning_rate, progress)
+            beta = training.beta * max(1.0, raised ** (1 - 2 * progress))
+            self.optimizer.zero_grad()
+            loss = elbo(self.network, batch, beta).loss
+            loss.backward()
+            self.optimizer.step()
+            losses.append(loss.item())
+            self.n_done += 1
+        return losses
+
+
 def train_sampler(
     demonstrations: FloatArray, n_categories: int, seed: int, training: SamplingTraining
 ) -> Sampler:
@@ -81,28 +138,15 @@ def train_sampler(
     :param training: how
     """
     th.manual_seed(seed)
-    network = NeuralProcess(1, 1, 4, [64, 64], [64, 64], 4, 0.1, nn.Tanh, n_categories)
-    optimizer = th.optim.Adam(network.parameters(), training.learning_rate, fused=True)
     scale = float(np.sqrt(np.mean(demonstrations**2)))
     times = th.linspace(0.0, 1.0, demonstrations.shape[1])
-    drawn = batches(
-        RCNMPTraining(training.n_steps, training.batch_size, training.n_target_points, 20),
-        times,
-        th.as_tensor(demonstrations / scale, dtype=th.float32),
-        th.zeros(len(demonstrations), 1),
-        np.full(len(demonstrations), 1 / len(demonstrations)),
-        network.latent_dim,
-        np.random.default_rng(seed),
-    )
-    raised = training.first_beta / training.beta if n_categories > 1 else 1.0
-    for step, batch in enumerate(drawn):
-        progress = step / training.n_steps
-        optimizer.param_groups[0]["lr"] = cosine(training.learning_rate, progress)
-        beta = training.beta * max(1.0, raised ** (1 - 2 * progress))
-        optimizer.zero_grad()
-        elbo(network, batch, beta).loss.backward()
-        optimizer.step()
-    return Sampler(network, times, scale)
+    values = th.as_tensor(demonstrations / scale, dtype=th.float32)
+    n_starts = training.n_starts if n_categories > 1 else 1
+    starts = [Start(values, times, n_categories, seed, training) for _ in range(n_starts)]
+    losses = [np.mean(start.train(training.start_steps)[-JUDGED:]) for start in starts]
+    best = starts[int(np.argmin(losses))]
+    best.train(training.n_steps)
+    return Sampler(best.network, times, scale)
 
 
 def train_cnmp(demonstrations: FloatArray, seed: int, n_steps: int) -> Normal:

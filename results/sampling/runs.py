@@ -35,8 +35,8 @@ from results.sampling.models import SamplingTraining, train_cnmp, train_sampler
 N_SAMPLES, N_KEPT, DECIMALS = 1000, 60, 4
 SIX = "six demonstrations"
 TASK = TaskRecord((), ("y",), 1 / 199)
-#: plain training needs more steps to meet six single curves closely
-PLAIN, CATEGORICAL = SamplingTraining(6000), SamplingTraining()
+#: the wider what z has to fill, the more steps until few samples leave it
+PLAIN, WIDE, NARROW = SamplingTraining(6000), SamplingTraining(4000), SamplingTraining(2000)
 CNMP_STEPS = 3000
 
 
@@ -79,11 +79,14 @@ def sampling_runs(
     """
 
     def steps(training: SamplingTraining) -> SamplingTraining:
-        return replace(training, n_steps=round(shortened * training.n_steps))
+        n_steps, start_steps = (
+            round(shortened * n) for n in (training.n_steps, training.start_steps)
+        )
+        return replace(training, n_steps=n_steps, start_steps=start_steps)
 
     wanted = [(SIX, 0, replace(PLAIN, n_steps=CNMP_STEPS)), (SIX, 1, PLAIN)]
-    wanted += [("two bundles", k, CATEGORICAL) for k in (1, 2)]
-    wanted += [("six bundles", k, CATEGORICAL) for k in categories]
+    wanted += [("two bundles", k, WIDE) for k in (1, 2)]
+    wanted += [("six bundles", k, NARROW) for k in categories]
     return [SamplingRun(what, k, seed, steps(t)) for seed in seeds for what, k, t in wanted]
 
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from results.harness.records import RunRecord
 from results.report.figure_style import COLOURS, plain_axes
-from results.sampling.curves import BUNDLES, HEIGHTS, FloatArray, bundle_heights, curves
+from results.sampling.curves import BUNDLES, HEIGHTS, FloatArray, curves
 from results.thesis.interface import Finding, Records, SamplingRuns, ThesisFigure, chosen
 
 FOLDER, SIX, TWO_BUNDLES, SIX_BUNDLES = (
@@ -23,6 +23,8 @@ MADE = (
     "bundles, each widened by 2 % of the whole range; a bundle is found when a category keeps "
     "90 % of its samples in it."
 )
+#: without the black of the demonstrations
+CATEGORY_COLOURS = COLOURS[:6]
 LEAST_INSIDE, LEAST_SPANNED, MOST_IN_GAP = 0.95, 0.9, 0.05
 
 
@@ -82,62 +84,74 @@ def draw(records: Records) -> Figure:
     :param records: of `FOLDER`
     """
     runs = records[FOLDER]
-    figure = Figure(figsize=(10, 7.4), layout="constrained")
-    panels = figure.subplots(2, 2, sharex=True, sharey=True)
-    _draw_cnmp(panels[0, 0], chosen(runs, "CNMP", SIX)[0])
-    _draw_samples(panels[0, 1], chosen(runs, "RC-NMP", SIX)[0], curves(HEIGHTS))
-    for axes, label in zip(panels[1], ("RC-NMP", "RC-NMP, 2 categories"), strict=True):
-        shown = curves(bundle_heights(BUNDLES[TWO_BUNDLES]))
-        _draw_samples(axes, chosen(runs, label, TWO_BUNDLES)[0], shown)
-    for axes in panels.flat:
+    figure = Figure(figsize=(11, 7.4), layout="constrained")
+    panels = figure.subplot_mosaic("AAABBB;CCDDEE", sharex=True, sharey=True)
+    _draw_cnmp(panels["A"], chosen(runs, "CNMP", SIX)[0])
+    _draw_single(panels["B"], chosen(runs, "RC-NMP", SIX)[0])
+    bundled = (
+        ("RC-NMP", TWO_BUNDLES), ("RC-NMP, 2 categories", TWO_BUNDLES),
+        ("RC-NMP, 6 categories", SIX_BUNDLES),
+    )  # fmt: skip
+    for name, (label, variant) in zip("CDE", bundled, strict=True):
+        _draw_bundled(panels[name], chosen(runs, label, variant)[0])
+        panels[name].set_xlabel("x = time (no unit)")
+    for name, axes in panels.items():
         plain_axes(axes)
-    for axes in panels[1]:
-        axes.set_xlabel("x = time (no unit)")
-    for axes in panels[:, 0]:
-        axes.set_ylabel("y (no unit)")
-    handles, names = panels[0, 0].get_legend_handles_labels()
-    more, others = panels[0, 1].get_legend_handles_labels()
-    legend = dict(zip([*names, *others], [*handles, *more], strict=True))
+        axes.tick_params(labelbottom=name in "CDE", labelleft=name in "AC")
+        axes.set_ylabel("y (no unit)" if name in "AC" else "")
+    legend = {
+        name: handle
+        for axes in panels.values()
+        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
     figure.legend(
-        legend.values(), legend.keys(), loc="outside lower center", ncols=4, frameon=False
+        legend.values(), legend.keys(), loc="outside lower center", ncols=3, frameon=False
     )
     return figure
 
 
-def _draw_demonstrations(axes: Axes, demonstrations: FloatArray) -> None:
-    x = np.linspace(0, 1, demonstrations.shape[1])
-    for i, path in enumerate(demonstrations[..., 0]):
-        name = "demonstrations" if i == 0 else None
-        axes.plot(x, path, color=COLOURS[1], linewidth=1.6, label=name, zorder=3)
+def _draw_demonstrations(axes: Axes) -> None:
+    demonstrations = curves(HEIGHTS)[..., 0].T
+    x = np.linspace(0, 1, len(demonstrations))
+    name = ["demonstrations"] + ["_"] * (len(HEIGHTS) - 1)
+    axes.plot(x, demonstrations, color="black", linewidth=1.4, label=name, zorder=3)
+
+
+def _draw_samples(axes: Axes, run: RunRecord) -> None:
+    more = run.measured.more
+    x = np.linspace(0, 1, len(more["samples"][0]))
+    for path, category in zip(more["samples"], more["categories"], strict=True):
+        colour = CATEGORY_COLOURS[category % len(CATEGORY_COLOURS)]
+        name = f"RC-NMP: {len(more['samples'])} samples, a colour for each category"
+        axes.plot(x, path, color=colour, linewidth=0.8, label="_" if category else name)
 
 
 def _draw_cnmp(axes: Axes, run: RunRecord) -> None:
-    demonstrations = curves(HEIGHTS)
     mean, std = (np.array(run.measured.more[key]) for key in ("mean", "std"))
     x = np.linspace(0, 1, len(mean))
-    axes.fill_between(
-        x, mean - 2 * std, mean + 2 * std, color="0.85", linewidth=0,
-        label="CNMP: mean ± 2 standard deviations",
-    )  # fmt: skip
-    _draw_demonstrations(axes, demonstrations)
-    axes.plot(x, mean, color="black", linewidth=2.5, label="CNMP: mean", zorder=4)
+    band = "CNMP: mean ± 2 standard deviations"
+    axes.fill_between(x, mean - 2 * std, mean + 2 * std, color="#CFE3F0", linewidth=0, label=band)
+    _draw_demonstrations(axes)
+    axes.plot(x, mean, color=COLOURS[0], linewidth=2.5, label="CNMP: mean", zorder=4)
     axes.set_title("CNMP, given the start (0, 0)")
 
 
-def _draw_samples(axes: Axes, run: RunRecord, demonstrations: FloatArray) -> None:
-    samples = np.array(run.measured.more["samples"])
-    x = np.linspace(0, 1, samples.shape[1])
-    for i, path in enumerate(samples):
-        name = f"RC-NMP: {len(samples)} samples" if i == 0 else None
-        axes.plot(x, path, color=COLOURS[0], linewidth=0.8, alpha=0.6, label=name)
-    _draw_demonstrations(axes, demonstrations)
+def _draw_single(axes: Axes, run: RunRecord) -> None:
+    _draw_samples(axes, run)
+    _draw_demonstrations(axes)
+    inside = run.measured.more["inside"]
+    axes.set_title(f"RC-NMP: {inside:.1%} of 1000 samples in the envelope")
+
+
+def _draw_bundled(axes: Axes, run: RunRecord) -> None:
     asked, more = run.specification, run.measured.more
-    if asked.variant == SIX:
-        told = f"{more['inside']:.0%} of 1000 samples in the envelope"
-        axes.set_title(f"RC-NMP: {told}")
-    else:
-        k = asked.settings["n_categories"]
-        axes.set_title(f"Two bundles, K = {k}: {more['gap']:.0%} of 1000 samples in the gap")
+    for limits in BUNDLES[asked.variant]:
+        low, high = curves(limits)[..., 0]
+        x, name = np.linspace(0, 1, len(low)), "bundles of demonstrations"
+        axes.fill_between(x, low, high, color="0.8", linewidth=0, label=name)
+    _draw_samples(axes, run)
+    k = asked.settings["n_categories"]
+    axes.set_title(f"{asked.variant.capitalize()}, K = {k}: {more['gap']:.1%} in gaps")
 
 
 FIGURE = ThesisFigure(

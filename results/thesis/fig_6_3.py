@@ -14,7 +14,9 @@ PASSED = 0.01  # m: nearer than a line is wide in the thesis's figure
 MADE = (
     "Every run searches a curve through 4 points drawn at random, in 300 rollouts, without a PD "
     "controller. Shown are the runs that end with the least and the largest error. The steepness "
-    "of a problem is the largest slope between two points that follow each other."
+    "of a problem is the largest slope between two points that follow each other. A jump in a "
+    "curve is where crossover passes from one parent to another; stored rollouts are parents "
+    "too, so jumps add up. Only a controller would smooth them, and the task does not punish them."
 )
 
 
