@@ -17,6 +17,7 @@ from results.harness.environments import RunTask
 from results.stream.protocol import Stream
 from sb3_nmp import RCNMP, ConfigurationError, Demonstrations, InvalidDataError
 from sb3_nmp.common.contextual import Experience
+from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining
 from sb3_nmp.models.skill_space import SkillSpace
 from sb3_nmp.rcnmp.modes import sort_into_modes
 from sb3_nmp.rcnmp.skill import RCNMPSkill, RewardConditionedSkill
@@ -232,13 +233,24 @@ def test_before_a_success_the_commonest_mode_answers() -> None:
     assert skill.shares.tolist() == pytest.approx([0.8, 0.2])
 
 
-def test_one_mode_is_one_regression_on_all_that_was_right() -> None:
-    """`n_modes=1` does not sort: its middle is the mean of both ways."""
+def test_one_mode_is_one_regression_on_all_that_was_right_bit_for_bit() -> None:
+    """The same draws in the same order as before there were modes."""
     space, skill = two_mode_skill(n_modes=1)
-    known = experience(12, np.zeros(12))
-    skill.learn(space, known, th.Generator())
-    assert skill.n_found == 1
-    np.testing.assert_allclose(skill.middles[0], known.weights.mean(axis=0), atol=1e-5)
+    known = experience(30, np.linspace(-1.5, 0.0, 30))
+    skill.learn(space, known, th.Generator().manual_seed(5))
+    generator = th.Generator().manual_seed(5)
+    prior, _ = (Ensemble(skill.sizes[name], 8, generator) for name in ("prior", "reward"))
+    contexts, weights = (
+        th.as_tensor(rows, dtype=th.float32) for rows in (known.contexts, known.weights)
+    )
+    right = th.as_tensor(known.right)
+    middle, rows = weights[right].mean(dim=0), skill.contexts(contexts)
+    wanted = (weights[right] - middle) / space.scale
+    with th.enable_grad():
+        prior.fit(rows[right], wanted, 30, EnsembleTraining(), generator)
+    expected = middle + space.scale * prior(rows).mean(dim=0)
+    assert skill.n_found == 1 and 10 < len(right) < 30
+    assert th.equal(skill.prior_mean(space, contexts), expected)
 
 
 # -- protocol, and what is refused -------------------------------------------------------------

@@ -277,6 +277,8 @@ class PopulationSearch(SkillSearch):
             rows = niches.best
             self.policy.ways.forget()
             self.policy.ways.update(
-                np.arange(len(rows))[:, None], buffer.trajectories[rows], buffer.rewards[rows]
+                np.arange(len(rows), dtype=float)[:, None],
+                buffer.trajectories[rows],
+                buffer.rewards[rows],
             )
         self.logger.record("train/modes", len(niches.best))

@@ -1,0 +1,63 @@
+"""Both ways through the bottles from one run: how often they are found, and how good they are.
+
+``python -m results.experiments.two_modes 200 20`` does it for 20 seeds from 200 on, for RC-NMP and
+for GA judged by Gaussian processes, its twin, and prints a Markdown table.
+"""
+
+import sys
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+from stable_baselines3.common.env_util import make_vec_env
+
+from baselines import GA
+from benchmark_envs import TrajectoryVecEnv, make_task
+from benchmark_envs.tasks.bottles import BOTTLES
+from sb3_nmp import RCNMP
+
+ENV_ID, BUDGET = "nmp/Bottles-v0", 400
+ROWS: dict[str, tuple[Any, dict[str, Any]]] = {
+    "RC-NMP": (RCNMP, {}),
+    "GA, judged": (GA, {"n_candidates": 10, "n_explorers": 1}),
+}
+
+
+def rewards(algorithm: Any, settings: dict[str, Any], seed: int) -> dict[str, float]:  # noqa: ANN401
+    """Return the reward of the best success that a run returns for each mode.
+
+    :param algorithm: its class
+    :param settings: of its constructor
+    :param seed: of the run
+    """
+    env = make_vec_env(ENV_ID, n_envs=20, vec_env_cls=TrajectoryVecEnv)
+    model = algorithm("MlpPolicy", env, seed=seed, n_modes=2, **settings).learn(BUDGET)
+    trajectories, _ = model.policy.modes(BOTTLES[None])
+    task = make_task(ENV_ID, n_threads=1)
+    rollouts, found = task.simulate(BOTTLES, trajectories[0]), {}
+    for row in np.flatnonzero(rollouts.successes):
+        mode = task.mode_of(BOTTLES, rollouts.executed[row])
+        found[mode] = max(found.get(mode, -np.inf), float(rollouts.rewards[row]))
+    return found
+
+
+def main() -> None:
+    """Print the table."""
+    first, n = int(sys.argv[1]), int(sys.argv[2])
+    print("| | both found | worse one: median | worst | within 0.005 of -0.1329 | better one |")
+    print("|---|--:|--:|--:|--:|--:|")
+    for name, (algorithm, settings) in ROWS.items():
+        runs = Parallel(n_jobs=-1)(
+            delayed(rewards)(algorithm, settings, seed) for seed in range(first, first + n)
+        )
+        both = np.array([sorted(run.values()) for run in runs if len(run) == 2]).reshape(-1, 2)
+        near = int((both[:, 0] >= -0.1379).sum())
+        print(
+            f"| {name} | {len(both)}/{n} | {np.median(both[:, 0]):.4f} | {both[:, 0].min():.4f} | "
+            f"{near}/{n} | {np.median(both[:, 1]):.4f} |",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
