@@ -5,7 +5,7 @@ for GA judged by Gaussian processes, its twin, and prints a Markdown table.
 """
 
 import sys
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -47,9 +47,9 @@ def main() -> None:
     print("| | both found | worse one: median | worst | within 0.005 of -0.1329 | better one |")
     print("|---|--:|--:|--:|--:|--:|")
     for name, (algorithm, settings) in ROWS.items():
-        runs = Parallel(n_jobs=-1)(
-            delayed(rewards)(algorithm, settings, seed) for seed in range(first, first + n)
-        )
+        seeds = range(first, first + n)
+        done = Parallel(n_jobs=-1)(delayed(rewards)(algorithm, settings, seed) for seed in seeds)
+        runs = cast(list[dict[str, float]], done)
         both = np.array([sorted(run.values()) for run in runs if len(run) == 2]).reshape(-1, 2)
         near = int((both[:, 0] >= -0.1379).sum())
         print(

@@ -276,9 +276,6 @@ class PopulationSearch(SkillSearch):
         if niches.best:
             rows = niches.best
             self.policy.ways.forget()
-            self.policy.ways.update(
-                np.arange(len(rows), dtype=float)[:, None],
-                buffer.trajectories[rows],
-                buffer.rewards[rows],
-            )
+            numbers = np.arange(len(rows), dtype=np.float64)[:, None]
+            self.policy.ways.update(numbers, buffer.trajectories[rows], buffer.rewards[rows])
         self.logger.record("train/modes", len(niches.best))
