@@ -285,5 +285,5 @@ def test_what_cannot_be_is_refused() -> None:
     for none in ((), "s"):
         with pytest.raises(InvalidDataError, match="it must name one or more, or be None"):
             Demonstrations.from_task(task, 2, modes=none)
-    with pytest.raises(ConfigurationError, match=r"no modes to tell apart; call learn\(\)"):
+    with pytest.raises(ConfigurationError, match="no modes are known: train with"):
         RCNMP("MlpPolicy", many()).policy.modes(HEIGHTS)

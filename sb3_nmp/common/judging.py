@@ -28,7 +28,7 @@ class Wanted:
 
     >>> rewards, solved = np.array([-4.0, -1.0, -2.0, -1.5, -1.0, -3.0]), np.ones(6, bool)
     >>> Wanted.of(rewards, solved).score.round(1).tolist()
-    [-5.0, 0.0, -3.5, -1.7, 0.0, -5.0]
+    [-2.9, 0.0, -1.0, -0.5, 0.0, -2.0]
     >>> Wanted.of(rewards[:3], solved[:3]).score.tolist()  # too few: by place
     [-1.0, 1.0, 0.0]
 
