@@ -5,15 +5,15 @@ nearest neighbour, a ridge or Gaussian processes. Shape letters: N contexts, M r
 context, P weights.
 """
 
-from typing import Any, Literal, cast, get_args
+from typing import ClassVar, Literal, cast, get_args
 
 import numpy as np
 import torch as th
 from numpy.typing import NDArray
-from torch import nn
 
 from sb3_nmp.common.contextual import Experience
 from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.growing import GrowingModule
 from sb3_nmp.models.skill_space import SkillSpace
 
 FloatArray = NDArray[np.float64]
@@ -26,7 +26,7 @@ LENGTHS = (0.3, 0.5, 0.8, 1.2, 2.0, 3.0, 5.0, 8.0)  # of its kernel, to choose f
 NOISES = (1e-4, 1e-3, 1e-2, 0.1, 0.3, 1.0)  # variances, as shares of the kernel's
 
 
-class RegressionSkill(nn.Module):
+class RegressionSkill(GrowingModule):
     """Answers contexts by regression on what was right.
 
     :param context_dim: C
@@ -35,6 +35,8 @@ class RegressionSkill(nn.Module):
     :param n_bases: smooth bases of a trajectory, per dimension
     :raises ConfigurationError: there is no such regression
     """
+
+    growing: ClassVar[tuple[str, ...]] = ("contexts", "right")
 
     contexts: th.Tensor
     right: th.Tensor
@@ -98,20 +100,6 @@ class RegressionSkill(nn.Module):
         """
         del members
         return self.answer(contexts)
-
-    def _load_from_state_dict(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self,
-        state_dict: dict[str, Any],
-        prefix: str,
-        *args: Any,  # noqa: ANN401
-    ) -> None:
-        """Take over the saved number of rollouts before PyTorch compares shapes."""
-        for name in ("contexts", "right"):
-            saved = state_dict.get(prefix + name)
-            if saved is not None:
-                buffer = getattr(self, name)
-                setattr(self, name, buffer.new_empty((len(saved), *buffer.shape[1:])))
-        super()._load_from_state_dict(state_dict, prefix, *args)
 
 
 def ridge(known: FloatArray, weights: FloatArray, contexts: FloatArray) -> FloatArray:

@@ -4,7 +4,7 @@ Shape letters: M old targets, N contexts, C context, K bases, D dimensions, P = 
 """
 
 from abc import abstractmethod
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch as th
@@ -19,12 +19,13 @@ from baselines.promp_rl.transfer import collapse, target_relevance
 from baselines.reps.gaussian import FloatArray
 from sb3_nmp.common.elites import SAME_CONTEXT
 from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.growing import GrowingModule
 from sb3_nmp.common.policies import ElitePolicy
 
 REFIT_GROWTH = 1.2
 
 
-class ProMPPolicy(ElitePolicy):
+class ProMPPolicy(GrowingModule, ElitePolicy):  # pyright: ignore[reportIncompatibleMethodOverride]
     """A Gaussian over the weights of a ProMP for any context, from the targets known so far.
 
     :param observation_space: contexts, shape (C,)
@@ -32,6 +33,8 @@ class ProMPPolicy(ElitePolicy):
     :param lr_schedule: not used; SB3 passes it to every policy
     :param n_bases: K, bases per dimension
     """
+
+    growing: ClassVar[tuple[str, ...]] = ("contexts", "weights")
 
     contexts: th.Tensor
     weights: th.Tensor
@@ -119,20 +122,6 @@ class ProMPPolicy(ElitePolicy):
                 weights[row] += vectors @ (np.sqrt(np.maximum(values, 0.0)) * noise)
         trajectories = decode(self.primitive, weights)
         return th.as_tensor(trajectories, dtype=th.float32, device=contexts.device)
-
-    def _load_from_state_dict(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self,
-        state_dict: dict[str, Any],
-        prefix: str,
-        *args: Any,  # noqa: ANN401
-    ) -> None:
-        """Take over the saved number of targets before PyTorch compares shapes."""
-        for name in ("contexts", "weights"):
-            saved = state_dict.get(prefix + name)
-            if saved is not None:
-                buffer = getattr(self, name)
-                setattr(self, name, buffer.new_empty((len(saved), *buffer.shape[1:])))
-        super()._load_from_state_dict(state_dict, prefix, *args)
 
 
 class TransferPolicy(ProMPPolicy):

@@ -17,6 +17,8 @@ from benchmark_envs.tasks.bottles import BOTTLES
 from sb3_nmp import RCNMP
 
 ENV_ID, BUDGET = "nmp/Bottles-v0", 400
+#: median of RC-NMP with a single mode, 50 seeds (rcnmp_bottles.md), and what counts as near it
+SINGLE, NEAR = -0.1329, 0.005
 ROWS: dict[str, tuple[Any, dict[str, Any]]] = {
     "RC-NMP": (RCNMP, {}),
     "GA, judged": (GA, {"n_candidates": 10, "n_explorers": 1}),
@@ -44,14 +46,14 @@ def rewards(algorithm: Any, settings: dict[str, Any], seed: int) -> dict[str, fl
 def main() -> None:
     """Print the table."""
     first, n = int(sys.argv[1]), int(sys.argv[2])
-    print("| | both found | worse one: median | worst | within 0.005 of -0.1329 | better one |")
+    print(f"| | both found | worse one: median | worst | within {NEAR} of {SINGLE} | better one |")
     print("|---|--:|--:|--:|--:|--:|")
     for name, (algorithm, settings) in ROWS.items():
         seeds = range(first, first + n)
         done = Parallel(n_jobs=-1)(delayed(rewards)(algorithm, settings, seed) for seed in seeds)
         runs = cast(list[dict[str, float]], done)
         both = np.array([sorted(run.values()) for run in runs if len(run) == 2]).reshape(-1, 2)
-        near = int((both[:, 0] >= -0.1379).sum())
+        near = int((both[:, 0] >= SINGLE - NEAR).sum())
         print(
             f"| {name} | {len(both)}/{n} | {np.median(both[:, 0]):.4f} | {both[:, 0].min():.4f} | "
             f"{near}/{n} | {np.median(both[:, 1]):.4f} |",

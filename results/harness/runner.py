@@ -6,13 +6,14 @@ import traceback
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self, cast
+from typing import Self
 
 import numpy as np
 import torch as th
-from joblib import Parallel, cpu_count, delayed, parallel_config
+from joblib import delayed
 
 from results.harness.environments import RunTask
+from results.harness.processes import in_processes
 from results.harness.protocol import OnRollouts
 from results.harness.provenance import provenance
 from results.harness.record_files import write_record
@@ -153,12 +154,9 @@ def run_plan(
     """
     plan.folder.mkdir(parents=True, exist_ok=True)
     clear(plan)
-    n_workers = max(1, min(n_workers or cpu_count(), len(plan.todo)))
     origin = provenance()
     jobs = (
         delayed(run_and_write)(run, plan.folder, origin, counters and counters.writer(index))
         for index, run in enumerate(plan.todo)
     )
-    with parallel_config(backend="loky", inner_max_num_threads=1):
-        parallel = Parallel(n_jobs=n_workers, return_as="generator_unordered")
-        yield from cast(Iterator[Outcome], parallel(jobs))
+    yield from in_processes(jobs, len(plan.todo), n_workers)

@@ -5,16 +5,17 @@ rollouts: its budget counts training steps.
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import torch as th
-from joblib import Parallel, cpu_count, delayed, parallel_config
+from joblib import delayed
 
 from results.exceptions import SettingsClashError
+from results.harness.processes import in_processes
 from results.harness.provenance import provenance
 from results.harness.record_files import read_record, write_record
 from results.harness.records import (
@@ -166,10 +167,7 @@ def run_sampling(
     """
     todo = [run for run in runs if not done(folder, run)]
     folder.mkdir(parents=True, exist_ok=True)
-    n_workers = max(1, min(n_workers or cpu_count(), len(todo)))
     origin = provenance()
-    with parallel_config(backend="loky", inner_max_num_threads=1):
-        parallel = Parallel(n_jobs=n_workers, return_as="generator_unordered")
-        jobs = (delayed(train_and_write)(run, folder, origin) for run in todo)
-        for name in cast(Iterator[str], parallel(jobs)):
-            tell(name)
+    jobs = (delayed(train_and_write)(run, folder, origin) for run in todo)
+    for name in in_processes(jobs, len(todo), n_workers):
+        tell(name)

@@ -23,40 +23,22 @@ EXPLORATION = ACNMPExploration(latent=0.0, n_bases=15)
 SHOWN_A_LINE = "its one demonstration is the initial trajectory"
 
 
-def rcnmp(**settings: object) -> Algorithm:
-    """Return RC-NMP without a PD controller, as in the thesis: no curve has a given end.
-
-    :param settings: further constructor arguments
-    """
-    chosen: dict[str, object] = {
-        "pd_controller": None,
-        "population_size": 10,
-        "n_crossover": 8,
-        "n_explorers": 0,
-        "elite_parents": 0.9,
-        "mutation": SmoothNoise(n_bases=NARROW),
-        "mutation_rate": 0.3,
-        "mutation_decay": 0.9,
-        "training": RCNMPTraining(n_steps=30),
-        "reward_model": RCNMPRewardModel(n_steps=60),
-    }
-    return replace(RCNMP, settings={**chosen, **settings})
-
-
-def ga(**settings: object) -> Algorithm:
-    """Return GA without a PD controller.
-
-    :param settings: further constructor arguments
-    """
-    chosen: dict[str, object] = {
-        "pd_controller": None,
-        "population_size": 5,
-        "n_crossover": 4,
-        "mutation": SmoothNoise(n_bases=NARROW),
-        "mutation_rate": 0.3,
-        "mutation_decay": 0.96,
-    }
-    return replace(GA, settings={**chosen, **settings})
+#: of RC-NMP and GA: no PD controller, as in the thesis, for no curve has a given end
+OF_ALL: dict[str, object] = {
+    "pd_controller": None,
+    "mutation": SmoothNoise(n_bases=NARROW),
+    "mutation_rate": 0.3,
+}
+OF_RCNMP = OF_ALL | {
+    "population_size": 10,
+    "n_crossover": 8,
+    "n_explorers": 0,
+    "elite_parents": 0.9,
+    "mutation_decay": 0.9,
+    "training": RCNMPTraining(n_steps=30),
+    "reward_model": RCNMPRewardModel(n_steps=60),
+}
+OF_GA = OF_ALL | {"population_size": 5, "n_crossover": 4, "mutation_decay": 0.96}
 
 
 def acnmp(description: str, **settings: object) -> Algorithm:
@@ -72,11 +54,11 @@ def acnmp(description: str, **settings: object) -> Algorithm:
 
 #: With ``mutation=None`` all rollouts would be the initial trajectory: the first generation, which
 #: has nothing to learn from yet, keeps its noise; no later one has any.
-FIRST_NOISE_ONLY = rcnmp(mutation_decay=1e-9)
+FIRST_NOISE_ONLY = OF_RCNMP | {"mutation_decay": 1e-9}
 ALGORITHMS = {
-    "RC-NMP": rcnmp(),
-    "RC-NMP without crossover": rcnmp(n_crossover=0),
-    "RC-NMP without mutation": FIRST_NOISE_ONLY,
+    "RC-NMP": replace(RCNMP, settings=OF_RCNMP),
+    "RC-NMP without crossover": replace(RCNMP, settings=OF_RCNMP | {"n_crossover": 0}),
+    "RC-NMP without mutation": replace(RCNMP, settings=FIRST_NOISE_ONLY),
     "ACNMP": acnmp("Bayesian optimisation around the network", critic=ACNMPCritic(pull=0.0)),
     # no supervised learning between its steps: it would pull the answer back to the flat line
     "ACNMP (thesis)": acnmp(
@@ -84,8 +66,8 @@ ALGORITHMS = {
         search="policy",
         adaptation=ACNMPAdaptation("to_go", supervised=False),
     ),
-    "GA": ga(),
-    "GA, judged": replace(ga(n_candidates=10), description=JUDGED_GA.description),
+    "GA": replace(GA, settings=OF_GA),
+    "GA, judged": replace(JUDGED_GA, settings=OF_GA | dict(JUDGED_GA.settings)),
     "CMA-ES": replace(CMAES, settings={"n_bases": 15}, description="CMA-ES over smooth deviations"),
     "REPS": replace(REPS, settings={"pd_controller": None, "n_bases": NARROW}),
     "DREPS": replace(DREPS, settings={"pd_controller": None, "n_bases": NARROW}),

@@ -1,16 +1,17 @@
 """The best trajectory seen in each context, kept in the policy so that it is saved with it."""
 
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 import torch as th
 from numpy.typing import NDArray
-from torch import nn
+
+from sb3_nmp.common.growing import GrowingModule
 
 SAME_CONTEXT = 1e-5
 
 
-class EliteMemory(nn.Module):
+class EliteMemory(GrowingModule):
     """Best trajectory and its reward for every distinct context, the most recently improved last.
 
     A trajectory that solved the task is better than one that did not, whatever their rewards.
@@ -24,6 +25,8 @@ class EliteMemory(nn.Module):
     :param trajectory_shape: (T, D)
     :param capacity: at most so many contexts; the longest unimproved is forgotten
     """
+
+    growing: ClassVar[tuple[str, ...]] = ("contexts", "trajectories", "rewards", "solved")
 
     contexts: th.Tensor
     trajectories: th.Tensor
@@ -98,17 +101,3 @@ class EliteMemory(nn.Module):
             self.rewards[rows],
             self.solved[rows],
         )
-
-    def _load_from_state_dict(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self,
-        state_dict: dict[str, Any],
-        prefix: str,
-        *args: Any,  # noqa: ANN401
-    ) -> None:
-        """Take over the saved number of contexts before PyTorch compares shapes."""
-        for name in ("contexts", "trajectories", "rewards", "solved"):
-            saved = state_dict.get(prefix + name)
-            if saved is not None:
-                buffer = getattr(self, name)
-                setattr(self, name, buffer.new_empty((len(saved), *buffer.shape[1:])))
-        super()._load_from_state_dict(state_dict, prefix, *args)

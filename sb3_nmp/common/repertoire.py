@@ -6,15 +6,16 @@ success at some distance between what was asked and what was achieved shows how 
 Shape letters: N contexts, M rollouts, C context, T x D trajectory.
 """
 
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 import torch as th
 from numpy.typing import NDArray
-from torch import nn
+
+from sb3_nmp.common.growing import GrowingModule
 
 
-class Repertoire(nn.Module):
+class Repertoire(GrowingModule):
     """Trajectories that achieved something, to be repeated as they were.
 
     Entries of a context that every rollout achieves as they were given are circumstances, the
@@ -30,6 +31,8 @@ class Repertoire(nn.Module):
     :param context_dim: C
     :param trajectory_shape: (T, D)
     """
+
+    growing: ClassVar[tuple[str, ...]] = ("achieved", "trajectories")
 
     achieved: th.Tensor
     trajectories: th.Tensor
@@ -113,17 +116,3 @@ class Repertoire(nn.Module):
         miss = (ahead / self.unit).norm(dim=-1, keepdim=True)
         beyond = 1.0 - farthest / miss.clamp(min=farthest)
         return (wanted - beyond * ahead).to(contexts.dtype)
-
-    def _load_from_state_dict(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self,
-        state_dict: dict[str, Any],
-        prefix: str,
-        *args: Any,  # noqa: ANN401
-    ) -> None:
-        """Take over the saved number of rollouts before PyTorch compares shapes."""
-        for name in ("achieved", "trajectories"):
-            saved = state_dict.get(prefix + name)
-            if saved is not None:
-                buffer = getattr(self, name)
-                setattr(self, name, buffer.new_empty((len(saved), *buffer.shape[1:])))
-        super()._load_from_state_dict(state_dict, prefix, *args)

@@ -10,13 +10,13 @@ Shape letters: N contexts, M rollouts that achieved something, C context, P weig
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 import torch as th
-from torch import nn
 
 from sb3_nmp.common.contextual import Experience
+from sb3_nmp.common.growing import GrowingModule
 from sb3_nmp.common.settings import settings_name
 from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining
 from sb3_nmp.models.skill_space import N_MOMENTS, SkillSpace
@@ -53,13 +53,15 @@ class RCNMPAchievement:
     correction_rate: float = 0.15
 
 
-class AchievementConditionedSkill(nn.Module):
+class AchievementConditionedSkill(GrowingModule):
     """Answers contexts by correcting the rollouts that achieved the nearest.
 
     :param space: of the trajectories' weights
     :param context_dim: C
     :param settings: of the ensemble and of the correction
     """
+
+    growing: ClassVar[tuple[str, ...]] = ("achieved", "weights")
 
     goals: th.Tensor
     achieved: th.Tensor
@@ -160,17 +162,3 @@ class AchievementConditionedSkill(nn.Module):
         """
         circumstances = (1.0 - self.goals) * contexts
         return th.cat([circumstances, self.moments(space.moments(weights))], dim=1)
-
-    def _load_from_state_dict(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self,
-        state_dict: dict[str, Any],
-        prefix: str,
-        *args: Any,  # noqa: ANN401
-    ) -> None:
-        """Take over the saved number of rollouts before PyTorch compares shapes."""
-        for name in ("achieved", "weights"):
-            saved = state_dict.get(prefix + name)
-            if saved is not None:
-                buffer = getattr(self, name)
-                setattr(self, name, buffer.new_empty((len(saved), *buffer.shape[1:])))
-        super()._load_from_state_dict(state_dict, prefix, *args)
