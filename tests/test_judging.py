@@ -69,6 +69,36 @@ def test_successes_count_more_than_rewards() -> None:
     assert (chosen[:, -1, 0] > 0).mean() >= 0.6, "by the score alone: none"
 
 
+@pytest.mark.parametrize("least", [0.99, 0.6], ids=["hardly any success", "many successes"])
+def test_gaussian_processes_prefer_better_candidates_too(least: float) -> None:
+    buffer, candidates = filled(150, least), curves(400, 1)
+    twin = GA("MlpPolicy", ENV_ID, n_candidates=10)
+    twin.replay_buffer = buffer
+    told = twin._promise(candidates, View(buffer.rewards, buffer.successes, 20, 1))
+    assert told.shape == (1, 400)
+    earned = reward(candidates)
+    assert earned[take_turns(told, 20)].mean() > np.quantile(earned, 0.85)
+
+
+def test_among_successes_both_judges_prefer_those_of_larger_reward() -> None:
+    """All succeed, so that only the score tells them apart."""
+    buffer, shown, candidates = TrajectoryBuffer(1, (50, 1)), curves(150, 0), curves(400, 1)
+    buffer.add(np.zeros((150, 1)), shown, reward(shown), np.ones(150, bool))
+    twin = GA("MlpPolicy", ENV_ID, n_candidates=10)
+    twin.replay_buffer = buffer
+    told = twin._promise(candidates, View(buffer.rewards, buffer.successes, 20, 1))
+    earned = reward(candidates)
+    for judged in (told, asked(buffer, candidates)):
+        assert earned[take_turns(judged, 20)].mean() > np.quantile(earned, 0.85)
+
+
+def test_the_wanted_reward_is_that_of_the_best_success() -> None:
+    rewards = np.array([-5.0, -4.0, -3.0, -2.0, -1.0, 0.0])
+    wanted = Wanted.of(rewards, np.array([True] * 5 + [False]))
+    assert wanted.score[4] == 0.0, "not the worst one's, nor a failure's"
+    assert (np.diff(wanted.score) > 0).all()
+
+
 def test_the_score_of_a_failure_teaches_nothing() -> None:
     predicted = th.tensor([[[0.3, 1.0]]], requires_grad=True)
     success_and_score(predicted, th.tensor([[[0.0, 5.0]]])).backward()

@@ -87,6 +87,9 @@ def test_training_raises_the_bound_and_the_reward_decides_what_is_generated() ->
     model.set_logger(configure(None, []))
     model._train()
     seeded = th.as_tensor(contexts[:1], dtype=th.float32)
+    with th.no_grad():
+        asked = model.policy.generate(seeded, th.zeros(1, model.policy.latent_dim))
+    assert float(asked[0, 100, 0]) - line[100, 0] > 0.04, "it asks for the best reward by itself"
     generated = []
     for reward in (-1.0, 0.0, 1.0):
         model.policy.target_reward.fill_(reward)
