@@ -21,11 +21,13 @@ from sb3_nmp import (
     Demonstrations,
     InvalidDataError,
 )
-from sb3_nmp.acnmp.critic import Critic, normal_scores, two_sided, varying_costs
-from sb3_nmp.acnmp.exploration import directions, noise_directions, spread_over_time
-from sb3_nmp.acnmp.gaussian_process import GaussianProcess, Hypotheses
+from sb3_nmp.acnmp.exploration import directions
 from sb3_nmp.acnmp.losses import advantages, policy_gradient_loss
-from sb3_nmp.acnmp.search import CriticSearch, PolicySearch, Subspace, views
+from sb3_nmp.acnmp.search import PolicySearch
+from sb3_nmp.bayesian.critic import Critic, normal_scores, two_sided, varying_costs
+from sb3_nmp.bayesian.gaussian_process import GaussianProcess, Hypotheses
+from sb3_nmp.bayesian.search import CriticSearch, Subspace, views
+from sb3_nmp.bayesian.shaped_noise import noise_directions, spread_over_time
 from sb3_nmp.common.rollouts import Generation
 from sb3_nmp.models.cnmp import CNMP
 from sb3_nmp.models.cnmp_training import pretrain

@@ -13,8 +13,10 @@ from stable_baselines3.common.utils import update_learning_rate
 from sb3_nmp.acnmp.exploration import directions
 from sb3_nmp.acnmp.losses import advantages, policy_gradient_loss
 from sb3_nmp.acnmp.policy import ACNMPPolicy
-from sb3_nmp.acnmp.search import CriticSearch, PolicySearch, Subspace
-from sb3_nmp.acnmp.settings import ACNMPAdaptation, ACNMPCritic, ACNMPExploration
+from sb3_nmp.acnmp.search import PolicySearch
+from sb3_nmp.acnmp.settings import ACNMPAdaptation, ACNMPExploration
+from sb3_nmp.bayesian.search import CriticSearch, Subspace
+from sb3_nmp.bayesian.settings import ACNMPCritic
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
 from sb3_nmp.common.context_search import ContextSearch
 from sb3_nmp.common.demonstrations import Demonstrations
@@ -45,7 +47,7 @@ class ACNMP(AdaptiveAlgorithm):
     Where this departs from the thesis: a generation has ``population_size`` rollouts instead of
     two, and by default a critic chooses them by all earlier rollouts in the context instead of
     drawing them around the policy's mean (``search="policy"``). This is Bayesian optimisation
-    around the network's answer (`sb3_nmp.acnmp.search.CriticSearch`). What each part brings is
+    around the network's answer (`sb3_nmp.bayesian.search.CriticSearch`). What each part brings is
     measured in ``results/experiments/acnmp.md``.
 
     With the critic the policy gradient changes no number today: a learning rate of 0 gives the same

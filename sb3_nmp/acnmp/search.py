@@ -1,62 +1,15 @@
-"""The two searches of ACNMP in one context: the critic's, and the policy's of the thesis.
+"""`PolicySearch`: the search of the thesis, around the policy's answer.
 
 Shape letters: N rollouts, n coordinates, T time points, D dimensions of the trajectory.
 """
 
-from dataclasses import dataclass, field
-from functools import cached_property
-
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_nmp.acnmp.critic import Critic
-from sb3_nmp.acnmp.gaussian_process import Hypotheses
-from sb3_nmp.acnmp.settings import ACNMPCritic
+from sb3_nmp.bayesian.search import Subspace
 from sb3_nmp.common.rollouts import Generation
 
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Subspace:
-    """The trajectories ``origin + x @ directions``.
-
-    >>> space = Subspace(np.zeros((2, 1)), np.array([[[1.0], [0.0]], [[0.0], [2.0]]]))
-    >>> space.trajectories(np.array([[3.0, 4.0]])).tolist()
-    [[[3.0], [8.0]]]
-    >>> space.coordinates(np.array([[[3.0], [8.0]]])).round(6).tolist()
-    [[3.0, 4.0]]
-
-    :param origin: shape (T, D)
-    :param directions: each of one standard deviation of the exploration, shape (n, T, D)
-    """
-
-    origin: FloatArray
-    directions: FloatArray
-
-    @property
-    def size(self) -> int:
-        """How many coordinates there are, n."""
-        return len(self.directions)
-
-    @cached_property
-    def _projection(self) -> FloatArray:
-        return np.asarray(np.linalg.pinv(self.directions.reshape(self.size, -1)), np.float64)
-
-    def trajectories(self, points: FloatArray) -> FloatArray:
-        """Return the trajectories of points, shape (N, T, D).
-
-        :param points: shape (N, n)
-        """
-        return self.origin + np.tensordot(points, self.directions, axes=1)
-
-    def coordinates(self, trajectories: NDArray[np.floating]) -> FloatArray:
-        """Return the coordinates of trajectories by least squares, shape (N, n).
-
-        :param trajectories: shape (N, T, D)
-        """
-        deviations = (trajectories - self.origin).reshape(len(trajectories), -1)
-        return deviations @ self._projection
 
 
 class PolicySearch:
@@ -96,132 +49,3 @@ class PolicySearch:
         :param answer: shape (T, D)
         """
         self.space = Subspace(answer, self.space.directions)
-
-
-@dataclass
-class TrustRegion:
-    """How far from the best rollout is searched: farther after success, nearer without.
-
-    Eriksson, Pearce, Gardner, Turner and Poloczek, "Scalable global optimization via local Bayesian
-    optimization" (TuRBO), 2019. TuRBO waits for several successes or failures; here a generation is
-    a few rollouts, and each one counts.
-
-    :param radius: in standard deviations of the exploration
-    :param settings: limits and factors
-    """
-
-    radius: float
-    settings: ACNMPCritic
-
-    def update(self, improved: bool) -> None:
-        """Grow or shrink.
-
-        :param improved: whether the last generation has a new best rollout
-        """
-        factor = self.settings.growth if improved else self.settings.shrinkage
-        self.radius = float(np.clip(self.radius * factor, *self.settings.radius_limits))
-
-
-@dataclass
-class CriticSearch:
-    """Bayesian optimisation around a fixed trajectory, the policy's answer when it begins.
-
-    The first generation is drawn around that answer, which is its first trajectory. Later ones are
-    the points of largest random upper confidence bound (`Critic.draw_upper_bounds`) inside a trust
-    region around the best rollout so far, chosen one after the other by the Kriging believer. The
-    bound is less a penalty on the distance from the policy's answer (`ACNMPCritic.pull`): the
-    demonstrations hold what a reward does not tell.
-
-    :param space: with the policy's answer as origin
-    :param radius: of the first generation, in standard deviations of the exploration
-    :param settings: of the critic
-    :param points: coordinates of the rollouts so far, shape (N, n)
-    :param rollouts: what is known of them, oldest generation first
-    """
-
-    space: Subspace
-    radius: float
-    settings: ACNMPCritic = field(default_factory=ACNMPCritic)
-    points: FloatArray = field(init=False)
-    rollouts: list[Generation] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        """Start without rollouts."""
-        self.points = np.empty((0, self.space.size))
-        self.region = TrustRegion(self.radius, self.settings)
-        self._hypotheses = Hypotheses(
-            views(self.space.directions, self.settings.n_moments),
-            self.settings.lengths,
-            self.settings.noises,
-        )
-
-    @property
-    def rewards(self) -> FloatArray:
-        """Of the rollouts so far, shape (N,)."""
-        return np.concatenate([np.empty(0), *(part.rewards for part in self.rollouts)])
-
-    def ask(self, n: int, rng: np.random.Generator) -> FloatArray:
-        """Return trajectories to try, shape (n, T, D).
-
-        :param n: how many
-        :param rng: the generator to draw from
-        """
-        if len(self.points) > 1:
-            return self.space.trajectories(self._ask_critic(n, rng))
-        points = self.region.radius * rng.standard_normal((n, self.space.size))
-        if len(self.points) == 0:
-            points[0] = 0.0  # the policy's answer
-        return self.space.trajectories(points)
-
-    def _ask_critic(self, n: int, rng: np.random.Generator) -> FloatArray:
-        """Return the coordinates of some proposals, one row each."""
-        critic = Critic.fit(self.points, Generation.concatenate(self.rollouts), self._hypotheses)
-        points: list[FloatArray] = []
-        for _ in range(n):
-            points.append(self._maximise(critic, rng))
-            critic = critic.condition_on_mean(points[-1][None])
-        return np.stack(points)
-
-    def _maximise(self, critic: Critic, rng: np.random.Generator) -> FloatArray:
-        """Return the best of many candidates around the best rollout, shape (n,)."""
-        s, radius = self.settings, self.region.radius
-        centre = self.points[self.rewards.argmax()]
-
-        def worth(drawn: FloatArray) -> FloatArray:
-            distance = np.mean(drawn**2, axis=1)
-            return critic.draw_upper_bounds(drawn, rng) - s.pull * critic.to_gain * distance
-
-        scales = radius * rng.choice(s.candidate_scales, (s.n_candidates, 1))
-        drawn = centre + scales * rng.standard_normal((s.n_candidates, len(centre)))
-        for _ in range(s.n_rounds):
-            best = drawn[np.argsort(-worth(drawn))[: s.n_refined]]
-            around = np.repeat(best, s.n_refinements, axis=0)
-            step = s.refinement_scale * radius * rng.standard_normal(around.shape)
-            drawn = np.concatenate([best, around + step])
-        return drawn[worth(drawn).argmax()]
-
-    def tell(self, rollouts: Generation) -> None:
-        """Take in rollouts of this context.
-
-        :param rollouts: their coordinates are read from their trajectories
-        """
-        before = self.rewards
-        self.points = np.concatenate([self.points, self.space.coordinates(rollouts.trajectories)])
-        self.rollouts.append(rollouts)
-        if len(before) > 1:
-            self.region.update(bool(rollouts.rewards.max() > before.max()))
-
-
-def views(directions: FloatArray, n_moments: int) -> tuple[FloatArray, ...]:
-    """Return what a critic may look at: all coordinates, or the deviation at one moment.
-
-    :param directions: shape (n, T, D)
-    :param n_moments: evenly spaced over time
-    :return: matrices of shape (n, n) and (n, D); see `Hypotheses`
-    """
-    times = np.linspace(0, directions.shape[1] - 1, n_moments).round().astype(int)
-    moments = (directions[:, time] for time in times)
-    scaled = (
-        part / max(float(np.sqrt(np.mean(np.sum(part**2, axis=0)))), 1e-9) for part in moments
-    )
-    return (np.eye(len(directions)), *scaled)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm, rankdata
 
-from sb3_nmp.acnmp.gaussian_process import GaussianProcess, Hypotheses
+from sb3_nmp.bayesian.gaussian_process import GaussianProcess, Hypotheses
 from sb3_nmp.common.rollouts import Generation
 
 FloatArray = NDArray[np.float64]

@@ -1,0 +1,1 @@
+"""Bayesian optimisation around a trajectory, which ACNMP and its twins share."""

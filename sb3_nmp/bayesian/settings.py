@@ -1,0 +1,67 @@
+"""`ACNMPCritic`: how a critic chooses the rollouts of a search."""
+
+from dataclasses import dataclass
+
+from sb3_nmp.common.settings import Rules, check_rules, settings_name
+
+
+@settings_name("acnmp-critic")
+@dataclass(frozen=True)
+class ACNMPCritic:
+    """How ACNMP's critic chooses the rollouts of a search.
+
+    The penalty, the moments and the noises were chosen by measurement on tuning contexts
+    (``results/experiments/acnmp.md``), the other values by hand on the same contexts.
+
+    >>> from sb3_nmp import ACNMPCritic
+    >>> ACNMPCritic(pull=0.0).radius_limits
+    (0.02, 1.5)
+
+    :param pull: penalty on the distance from the policy's answer; 0 switches it off. At one typical
+        draw's distance it is this share of the cost of the best rollout
+    :param radius_limits: smallest and largest radius of the trust region, in standard deviations of
+        the exploration. It begins at the exploration's radius
+    :param growth: factor on the radius after a generation with a new best rollout
+    :param shrinkage: factor on the radius after any other generation
+    :param lengths: length scales of the Gaussian process to choose from by evidence, in units of
+        the typical distance of two draws from the exploration. Over the longest it is as good as
+        quadratic
+    :param noises: variances of the noise to choose from by evidence, as shares of the kernel's:
+        nearly equal trajectories can fare differently, as where grains fall by chance
+    :param n_moments: moments of the trajectory at which a Gaussian process may look alone
+    :param n_candidates: drawn around the best rollout for each trajectory to try
+    :param candidate_scales: of their distances, in units of the radius
+    :param n_refined: best candidates that are refined
+    :param n_refinements: draws around each of them
+    :param refinement_scale: of these draws, in units of the radius
+    :param n_rounds: of refinement
+    :raises ConfigurationError: a value outside its range
+    """
+
+    pull: float = 0.3
+    radius_limits: tuple[float, float] = (0.02, 1.5)
+    growth: float = 1.25
+    shrinkage: float = 0.75
+    lengths: tuple[float, ...] = (0.4, 0.6, 0.9, 1.3, 2.0, 3.0, 5.0, 8.0)
+    noises: tuple[float, ...] = (1e-4, 1e-2, 1e-1)
+    n_moments: int = 9
+    n_candidates: int = 1500
+    candidate_scales: tuple[float, ...] = (0.3, 0.6, 1.0, 1.5)
+    n_refined: int = 20
+    n_refinements: int = 25
+    refinement_scale: float = 0.25
+    n_rounds: int = 2
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        low, high = self.radius_limits
+        rules: Rules = {
+            "pull": (self.pull >= 0, ">= 0"),
+            "radius_limits": (0 < low <= high, "(low, high) with 0 < low <= high"),
+            "growth": (self.growth >= 1, ">= 1"),
+            "shrinkage": (0 < self.shrinkage <= 1, "in (0, 1]"),
+            "lengths": (min(self.lengths, default=0) > 0, "at least one value, all > 0"),
+            "noises": (min(self.noises, default=0) > 0, "at least one value, all > 0"),
+            "n_candidates": (self.n_candidates >= self.n_refined >= 1, ">= n_refined >= 1"),
+        }
+        check_rules(self, rules)
