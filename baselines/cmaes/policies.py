@@ -84,6 +84,10 @@ class ResidualPolicy(ElitePolicy):
             return self.cnmp.trajectories(contexts)
         return np.repeat(self.initial.cpu().numpy()[None], len(contexts), axis=0)
 
+    def _learned(self, contexts: th.Tensor) -> th.Tensor | None:
+        """Return the CNMP's answers, which no search changes; without a CNMP there are none."""
+        return self.generalise(contexts) if self.is_trained else None
+
     def generalise(self, contexts: th.Tensor, deterministic: bool = True) -> th.Tensor:
         """Return the base trajectory for each context, shape (N, T, D).
 

@@ -50,6 +50,10 @@ class GAPolicy(ElitePolicy):
         """Return False for a trajectory that failed, where a skill has been learned."""
         return bool(self.elites.solved[elite]) or not self.skill.is_ready
 
+    def _learned(self, contexts: th.Tensor) -> th.Tensor | None:
+        """Return the skill's answers; in a pinned context there is none."""
+        return self.generalise(contexts) if self.skill.is_ready else None
+
     def generalise(self, contexts: th.Tensor, deterministic: bool = True) -> th.Tensor:
         """Return the skill's answers, or the initial trajectory for each context, (N, T, D).
 

@@ -20,6 +20,7 @@ from baselines.reps.reps import fit_rules
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
 from sb3_nmp.common.context_search import ContextSearch
 from sb3_nmp.common.environment import Scale
+from sb3_nmp.common.rollouts import Information
 from sb3_nmp.common.settings import Rules
 
 
@@ -170,6 +171,11 @@ class EwertonProMPRL(ProMPRL):
 
     policy: GaussianProcessPolicy
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MlpPolicy": GaussianProcessPolicy}
+
+    @property
+    def information(self) -> frozenset[Information]:
+        """The reward's terms besides: each is an objective."""
+        return super().information | {Information.TERMS}
 
     def _new_search(self, context: NDArray[np.float32]) -> RelevanceSearch:
         row = context.astype(np.float64)

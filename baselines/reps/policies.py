@@ -201,6 +201,9 @@ class GaussianPrimitivePolicy(TrajectoryPolicy):
         trajectories = np.stack([self.trajectory(w) for w in weights])
         return th.as_tensor(trajectories, dtype=th.float32, device=observation.device)
 
+    def _learned(self, contexts: th.Tensor) -> th.Tensor | None:
+        return self._predict(contexts, deterministic=True)
+
     def trajectory_std(self) -> FloatArray:
         """Return the trajectories' standard deviation, root mean square over time, shape (D,)."""
         bases = self.primitive.response().weights

@@ -13,11 +13,13 @@ import pandas as pd
 
 from results.harness.records import RunRecord
 from results.report.frames import OUTCOME_COLUMNS, outcome_row, rollouts_to_success, summarise_by
+from results.report.own_answer import own_numbers, own_row
 from results.report.statistics import quantile, quartiles
 
 #: where a suite tells none
 DEFAULT_CHECKPOINTS = (0, 40, 80, 200)
-COLUMNS = ("target", "kind", "context", "unit", "published", "greedy_rollouts", "best_rollouts")
+COLUMNS = ("target", "kind", "context", "unit", "published", "greedy_rollouts", "best_rollouts",
+           "own_solved", "own_error")  # fmt: skip
 
 
 def frame(records: Sequence[RunRecord]) -> pd.DataFrame:
@@ -27,6 +29,8 @@ def frame(records: Sequence[RunRecord]) -> pd.DataFrame:
     the demonstrations are enough, infinity where it does not in the end), ``best_rollouts`` those
     to the first success of any rollout; ``error_<n>`` is minus the greedy reward after n rollouts,
     NaN where the run ends before or had no policy yet, for each checkpoint n of the suite.
+    ``own_solved`` and ``own_error`` are those of the model's own answer in the end, NaN where there
+    is none.
 
     :param records: of finished and failed runs
     """
@@ -107,6 +111,8 @@ def _run_row(record: RunRecord) -> dict[str, Any]:
     row["unit"] = record.task.error_unit
     row["greedy_rollouts"] = rollouts_to_success(curve["rollouts"], curve["greedy_success"])
     row["best_rollouts"] = rollouts_to_success(curve["rollouts"], curve["any_success"])
+    own = own_row(record)
+    row |= {"own_solved": own["own_solved"], "own_error": -own["own_reward"]}
     return row | {
         f"error_{count}": error_after(curve, count, asked.budget) for count in checkpoints(record)
     }
@@ -123,7 +129,8 @@ def _numbers(done: pd.DataFrame) -> dict[str, Any]:
     if published:
         row["solved_within_published"] = int((rollouts <= max(published)).sum())
     errors = [str(name) for name in done if str(name).startswith("error_")]
-    for name in ("greedy_rollouts", "best_rollouts", *errors):
+    row |= own_numbers(done)
+    for name in ("greedy_rollouts", "best_rollouts", "own_error", *errors):
         row |= quartiles(name, done[name].to_numpy(float))
     for name in errors:
         known = done[name].to_numpy(float)

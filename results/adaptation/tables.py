@@ -8,8 +8,10 @@ import pandas as pd
 
 from results.adaptation.summary import errors_in, summarise
 from results.report.footnotes import page, rollouts_cell
+from results.report.own_answer import OWN_NOTE, SEES_NOTE, own_solved_cell, sees_cell
 from results.report.text_table import NOT_APPLICABLE, Cell, Page, TextTable, row_cells
 
+N_LAST = 4  # columns of which a row without runs says nothing: own answer, sees, time
 NOTES = (
     "A run: demonstrations in other contexts, then rollouts in this one. Medians, with quartiles "
     "in parentheses, over contexts and seeds.",
@@ -21,6 +23,8 @@ NOTES = (
     "and algorithms that have no policy yet, are left out. worst: the largest of them. time: "
     "median seconds per run on one thread, training on demonstrations and rollouts included, "
     "greedy evaluations not.",
+    OWN_NOTE,
+    SEES_NOTE,
 )
 
 
@@ -58,6 +62,9 @@ def _table(task: str, kind: str, runs: pd.DataFrame, summary: pd.DataFrame) -> T
         *(f"within {max(published):.0f}" for _ in published[:1]),
         *(f"error{unit}\nat {count}" for count in counts),
         *(f"worst\nat {count}" for count in counts[-1:]),
+        "own answer\nsolved",
+        f"own answer\nerror{unit}",
+        "sees",
         "time\n[s]",
     )
     rows = tuple(
@@ -84,7 +91,8 @@ def _row(
 ) -> tuple[Cell, ...]:
     head = row_cells(row["label"], str(row["runs"]), row["failed"])
     if row["reason"]:
-        return (*head, *(((row["reason"], ""),) * (n_cells - 3)), (NOT_APPLICABLE, ""))
+        nothing = ((NOT_APPLICABLE, ""),) * N_LAST
+        return (*head, *(((row["reason"], ""),) * (n_cells - 2 - N_LAST)), *nothing)
     counts = {end: row[f"greedy_rollouts_{end}"] for end in ("median", "q25", "q75")}
     within = (f"{row['solved_within_published']:.0f}/{row['runs']}", "") if published else None
     return (
@@ -94,6 +102,9 @@ def _row(
         *([within] if within else []),
         *(_error(row, name) for name in errors),
         *((error_text(row[f"{name}_worst"]), "") for name in errors[-1:]),
+        own_solved_cell(row),
+        _error(row, "own_error"),
+        sees_cell(row),
         (f"{row['training_seconds']:.1f}", ""),
     )
 

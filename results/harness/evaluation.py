@@ -6,9 +6,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from stable_baselines3.common.callbacks import BaseCallback
 
 from results.harness.records import Measurements
+from sb3_nmp.common.policies import TrajectoryPolicy
 
 
 class Evaluation(BaseCallback):
@@ -26,6 +29,17 @@ class Evaluation(BaseCallback):
     @abstractmethod
     def measured(self) -> Measurements:
         """Return what a finished run's record holds of it."""
+
+    def own_answer(self, contexts: NDArray[np.float64]) -> NDArray[np.float32] | None:
+        """Return what the model alone answers, shape (N, T, D); None where there is no model.
+
+        :param contexts: shape (N, C)
+        """
+        policy = self.model.policy
+        if not isinstance(policy, TrajectoryPolicy):
+            return None
+        answered = policy.own_answer(contexts)
+        return None if answered is None else answered.astype(np.float32)
 
     @contextmanager
     def stopwatch(self) -> Iterator[None]:

@@ -32,6 +32,8 @@ class GreedyEvaluation(Evaluation):
     not counted as rollouts. As the simulation is deterministic, one that has not changed is not
     run again.
 
+    At the end, what the policy's model answers without any rollout remembered runs too.
+
     :param task: in which greedy trajectories run
     :param context: the run's one context, shape (C,)
     :param on_rollouts: told the number of rollouts so far after every step
@@ -55,6 +57,7 @@ class GreedyEvaluation(Evaluation):
         self._evaluated = b""
         self._greedy: Rollouts | None = None
         self._first: Rollouts | None = None
+        self._own: Rollouts | None = None
         self._best: tuple[float, bool] = (-np.inf, False)
         self._any_success = False
 
@@ -72,10 +75,12 @@ class GreedyEvaluation(Evaluation):
         return {name: [row[name] for row in rows] for name in CURVE_COLUMNS}
 
     def measured(self) -> Measurements:
-        """Return the curve and the last greedy rollout, and the one before any rollout."""
+        """Return the curve, the last greedy rollout, the first one, and the model's own answer."""
         rollouts = {"greedy": self._rollout(self.greedy)}
         if self.from_start and self._first is not None:
             rollouts["untrained"] = self._rollout(self._first)
+        if self._own is not None:
+            rollouts["own"] = self._rollout(self._own)
         values = tuple(self.context.round(DECIMALS).tolist())
         return Measurements(
             self.curve, ContextRecord(values, self.task.scene(self.context)), rollouts
@@ -89,6 +94,7 @@ class GreedyEvaluation(Evaluation):
             executed.round(DECIMALS).tolist(),
             success,
             self.task.mode_of(self.context, executed) if success else "",
+            float(rollouts.rewards[0]),
         )
 
     def _on_step(self) -> bool:
@@ -110,9 +116,12 @@ class GreedyEvaluation(Evaluation):
             self._evaluate()
 
     def _on_training_end(self) -> None:
-        """Look again after the last update."""
+        """Look again after the last update, and at the model's own answer."""
         if self.rows:
             self._evaluate()
+        with self.stopwatch():
+            own = self.own_answer(self.context[None])
+            self._own = None if own is None else self.task.simulate(self.context, own[0])
 
     def _add_row(self) -> None:
         found = np.isfinite(self._best[0])

@@ -144,12 +144,14 @@ class RolloutRecord:
     :param executed: what the robot did, shape (T, D); None where it was not executed
     :param success: whether it solved the task; None where it was not executed
     :param mode: the way in which it solved the task, where there are several
+    :param reward: its reward; None where it was not executed, and in old records
     """
 
     trajectory: list[list[float]]
     executed: list[list[float]] | None = None
     success: bool | None = None
     mode: str = ""
+    reward: float | None = None
 
 
 @dataclass(frozen=True)
@@ -158,7 +160,7 @@ class Measurements:
 
     :param curve: lists of equal length by column; one of them is ``rollouts``
     :param context: where there is but one
-    :param rollouts: by name, such as ``greedy`` and ``untrained``
+    :param rollouts: by name, such as ``greedy``; ``own`` is the model's own answer
     :param more: anything else, as JSON values
     """
 
@@ -221,11 +223,13 @@ class Result:
     :param task: what the task says of itself
     :param seconds: that it took
     :param measured: by its protocol
+    :param sees: what its algorithm learns from; None in old records
     """
 
     task: TaskRecord
     seconds: Seconds
     measured: Measurements
+    sees: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -275,6 +279,11 @@ class RunRecord:
     def seconds(self) -> Seconds:
         """How long a finished run took."""
         return self._result.seconds
+
+    @property
+    def sees(self) -> tuple[str, ...] | None:
+        """What the algorithm of a finished run learns from, None where the record is older."""
+        return self._result.sees
 
     @property
     def reason(self) -> str:

@@ -20,6 +20,7 @@ from results.harness.record_files import write_record
 from results.harness.records import ErrorRecord, Provenance, Result, RunRecord, Seconds
 from results.harness.resume import Plan, clear, failed_path, finished_path
 from results.harness.specification import RunSpecification
+from sb3_nmp import TrajectoryAlgorithm
 
 
 @dataclass(frozen=True)
@@ -114,8 +115,21 @@ def execute(run: RunSpecification, on_rollouts: OnRollouts | None = None) -> Res
     prepared.env.close()
     evaluating = prepared.evaluation.seconds
     return Result(
-        prepared.task, Seconds(total - evaluating, evaluating), prepared.evaluation.measured()
+        prepared.task,
+        Seconds(total - evaluating, evaluating),
+        prepared.evaluation.measured(),
+        sees(model),
     )
+
+
+def sees(model: object) -> tuple[str, ...] | None:
+    """Return what an algorithm learns from, None where it does not say so.
+
+    :param model: after its run
+    """
+    if not isinstance(model, TrajectoryAlgorithm):
+        return None
+    return tuple(sorted(str(each) for each in model.information))
 
 
 def run_and_write(

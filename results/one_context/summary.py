@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from results.harness.records import RunRecord
 from results.report.frames import OUTCOME_COLUMNS, outcome_row, rollouts_to_success, summarise_by
+from results.report.own_answer import own_numbers, own_row
 from results.report.statistics import (
     interquartile_mean,
     interquartile_mean_interval,
@@ -22,11 +23,14 @@ from results.report.statistics import (
 )
 
 VIEWS = ("greedy", "best")  # what is measured: the greedy policy, the best rollout so far
+OWN = "own"  # and, at the end of the budget alone, the model's own answer
 COLUMNS = (
     *OUTCOME_COLUMNS,
     "unit",
     *(f"{view}_{what}" for view in VIEWS for what in ("solved", "rollouts", "reward")),
     "any_rollouts",
+    "own_solved",
+    "own_reward",
 )
 
 
@@ -36,7 +40,8 @@ def frame(records: Sequence[RunRecord]) -> pd.DataFrame:
     For each of `VIEWS`, ``<view>_solved`` tells whether it succeeds at the budget's end,
     ``<view>_rollouts`` after how many rollouts it did for good (infinity if not), and
     ``<view>_reward`` its last reward; ``any_rollouts`` counts the rollouts to the first success of
-    any rollout. ``unit`` is that of minus the reward, where that is an error.
+    any rollout. ``unit`` is that of minus the reward, where that is an error. ``own_solved`` and
+    ``own_reward`` are those of the model's own answer, NaN where there is none.
 
     :param records: of finished and failed runs
     """
@@ -131,7 +136,8 @@ def _run_row(record: RunRecord) -> dict[str, Any]:
         row[f"{view}_rollouts"] = rollouts
         row[f"{view}_solved"] = math.isfinite(rollouts)
         row[f"{view}_reward"] = curve[f"{view}_reward"][-1]
-    return row | {"any_rollouts": rollouts_to_success(curve["rollouts"], curve["any_success"])}
+    row["any_rollouts"] = rollouts_to_success(curve["rollouts"], curve["any_success"])
+    return row | own_row(record)
 
 
 def _mean(name: str, values: NDArray[np.float64]) -> dict[str, float]:
@@ -155,4 +161,7 @@ def _numbers(done: pd.DataFrame) -> dict[str, Any]:
             f"{view}_iqm": interquartile_mean(rewards),
         }
     row |= quartiles("any_rollouts", done["any_rollouts"])
+    row |= own_numbers(done) | quartiles("own_reward", done["own_reward"])
+    if row["own_runs"]:
+        row |= _mean("own_mean", done["own_reward"].dropna().to_numpy(float))
     return row | {"training_seconds": quantile(done["training_seconds"], 0.5)}

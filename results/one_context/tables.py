@@ -6,12 +6,14 @@ from typing import Any
 
 import pandas as pd
 
-from results.one_context.summary import VIEWS, compare, compare_in_contexts, summarise
+from results.one_context.summary import OWN, VIEWS, compare, compare_in_contexts, summarise
 from results.report.footnotes import page, rollouts_cell
+from results.report.own_answer import OWN_NOTE, SEES_NOTE, own_solved_cell, sees_cell
 from results.report.text_table import NOT_APPLICABLE, Cell, Page, Section, TextTable, row_cells
 
 COLUMNS = ("solved", "rollouts", "reward", "IQM")  # of each view
-HEADER = (*(f"{view}\n{column}" for view in VIEWS for column in COLUMNS), "time\n[s]")
+LAST = ("own answer\nsolved", "own answer\nreward", "sees", "time\n[s]")
+HEADER = (*(f"{view}\n{column}" for view in VIEWS for column in COLUMNS), *LAST)
 NOTES = (
     "greedy: the policy that the rollouts so far gave, predict(context, deterministic=True), run "
     "in a task of its own and not counted. best: the rollout of largest reward so far.",
@@ -20,6 +22,8 @@ NOTES = (
     "at the end of the budget, median. IQM: interquartile mean of the same, with its 95 % "
     "bootstrap interval over seeds. time: median seconds per run on one thread, rollouts included, "
     "greedy evaluations not.",
+    OWN_NOTE,
+    SEES_NOTE,
 )
 
 
@@ -50,9 +54,10 @@ def error_table(task: str, summary: pd.DataFrame, head: tuple[str, str], unit: s
     :param unit: of minus the reward
     """
     variants = [str(variant) for variant in dict.fromkeys(summary["variant"])]
-    columns = [(view, variant) for view in VIEWS for variant in variants]
+    views = (*VIEWS, OWN) if any(n > 0 for n in summary["own_runs"]) else VIEWS
+    columns = [(view, variant) for view in views for variant in variants]
     cells = {
-        (row["label"], row["variant"]): {view: _error(row, view) for view in VIEWS}
+        (row["label"], row["variant"]): {view: _error(row, view) for view in views}
         for row in summary.to_dict("records")
     }
     rows = tuple(
@@ -63,14 +68,17 @@ def error_table(task: str, summary: pd.DataFrame, head: tuple[str, str], unit: s
         for row in summary.loc[summary["variant"] == ""].to_dict("records")
     )
     header = (*head, *(f"{view}\n{variant or 'all'}" for view, variant in columns))
+    breaks = tuple(2 + i * len(variants) for i in range(1, len(views)))
     title = f"{task}, mean error at the end of the budget [{unit}], 95 % bootstrap interval"
-    return TextTable(title, header, rows, (2 + len(variants),))
+    return TextTable(title, header, rows, breaks)
 
 
 def _error(row: Mapping[Hashable, Any], view: str) -> Cell:
     """Return a mean error, and its interval."""
     if row["reason"]:
         return row["reason"], ""
+    if view == OWN and not row["own_runs"]:
+        return NOT_APPLICABLE, ""
     low, high = (0.0 - row[f"{view}_mean_{end}"] for end in ("high", "low"))  # -0 would show
     return f"{0.0 - row[f'{view}_mean']:.4f}", _interval(low, high)
 
@@ -113,9 +121,12 @@ def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
     head = row_cells(row["label"], str(row["seeds"]), row["failed"])
     if row["reason"]:
         n_cells = len(VIEWS) * len(COLUMNS)
-        return (*head, *(((row["reason"], ""),) * n_cells), (NOT_APPLICABLE, ""))
+        nothing = ((NOT_APPLICABLE, ""),) * len(LAST)
+        return (*head, *(((row["reason"], ""),) * n_cells), *nothing)
     cells = (cell for view in VIEWS for cell in _cells(row, view))
-    return (*head, *cells, (f"{row['training_seconds']:.1f}", ""))
+    own = f"{row['own_reward_median']:.4f}" if row["own_runs"] else NOT_APPLICABLE
+    seconds = f"{row['training_seconds']:.1f}"
+    return (*head, *cells, own_solved_cell(row), (own, ""), sees_cell(row), (seconds, ""))
 
 
 def _cells(row: Mapping[Hashable, Any], view: str) -> tuple[Cell, ...]:

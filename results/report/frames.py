@@ -7,10 +7,11 @@ from typing import Any, cast
 import pandas as pd
 
 from results.harness.records import RunRecord, finished
+from results.report.own_answer import information_text, joined_information
 
 OUTCOME_COLUMNS = (
     "task", "variant", "label", "description", "seed", "budget", "outcome", "reason", "commit",
-    "dirty", "training_seconds",
+    "dirty", "training_seconds", "sees",
 )  # fmt: skip
 
 
@@ -24,7 +25,9 @@ def outcome_row(record: RunRecord) -> dict[str, Any]:
     row = {key: getattr(asked, key) for key in asked_for}
     row |= {"outcome": record.outcome, "commit": origin.commit, "dirty": origin.dirty}
     training = record.seconds.training if record.finished else math.nan
-    return row | {"reason": record.reason, "training_seconds": training}
+    told = record.sees if record.finished else None
+    sees = None if told is None else information_text(told)
+    return row | {"reason": record.reason, "training_seconds": training, "sees": sees}
 
 
 def curves_frame(records: Sequence[RunRecord]) -> pd.DataFrame:
@@ -93,6 +96,8 @@ def summarise_by(
             if done.empty:
                 row["reason"] = "not run" if chosen.empty else "failed"
             else:
-                row |= {"reason": "", "budget": int(done["budget"].max())} | numbers(done)
+                sees = joined_information(done["sees"])
+                row |= {"reason": "", "budget": int(done["budget"].max()), "sees": sees}
+                row |= numbers(done)
             rows.append(row)
     return pd.DataFrame(rows)

@@ -23,6 +23,8 @@ class StreamEvaluation(Evaluation):
     that is due waits for the update of its generation. The run is stopped where it tries a context
     beyond its allowance; that rollout reaches no update.
 
+    At the end, what the policy's model answers without any rollout remembered is tried too.
+
     A context counts when a rollout is done in it, so an algorithm may come back to one (reset
     option ``context``) and may turn one down.
 
@@ -52,17 +54,21 @@ class StreamEvaluation(Evaluation):
         self.from_start = from_start
         self.tried: dict[bytes, int] = {}  # rollouts by context, in the order of the first ones
         self.exhausted = False
+        self.own: dict[str, float] | None = None
+        self._greedy = np.empty(0, np.float32)
         self._due_rollouts, self._due_contexts = schedule(budget, n_contexts, n_evaluations)
 
     def measured(self) -> Measurements:
         """Return the curve, and under ``contexts`` the rollouts in each, by first visit.
 
-        ``exhausted`` tells whether the run ended because it asked for more contexts.
+        ``exhausted`` tells whether the run ended because it asked for more contexts. ``own`` has
+        the ``failure_rate`` of the model's own answers, and ``remembered``, the share of held-out
+        contexts in which the greedy answer was another one; it is None where there is no model.
         """
         names = ("rollouts", "contexts", "failure_rate", "mean_reward")
         visits = {"rollouts": list(self.tried.values()), "exhausted": self.exhausted}
         curve = {name: [row[name] for row in self.rows] for name in names}
-        return Measurements(curve, more={"contexts": visits})
+        return Measurements(curve, more={"contexts": visits, "own": self.own})
 
     def _on_step(self) -> bool:
         for info in self.locals["infos"]:
@@ -87,6 +93,20 @@ class StreamEvaluation(Evaluation):
     def _on_training_end(self) -> None:
         if not self.rows or self.rows[-1]["rollouts"] < self.num_timesteps:
             self._evaluate()
+        self._evaluate_own()
+
+    def _evaluate_own(self) -> None:
+        """Try the model's own answers, where the greedy ones are not the same."""
+        with self.stopwatch():
+            answered = self.own_answer(self.test_contexts)
+            if answered is None:
+                return
+            remembered = float(np.mean((answered != self._greedy).any(axis=(1, 2))))
+            failing = self.rows[-1]["failure_rate"]
+            if remembered:
+                rollouts = self.task.simulate(self.test_contexts, answered)
+                failing = float(np.mean(~rollouts.successes))
+        self.own = {"failure_rate": failing, "remembered": remembered}
 
     def _evaluate(self) -> None:
         """Write a row of the curve."""
@@ -94,7 +114,8 @@ class StreamEvaluation(Evaluation):
             action, _ = self.model.predict(
                 self.test_contexts.astype(np.float32), deterministic=True
             )
-            rollouts = self.task.simulate(self.test_contexts, np.asarray(action))
+            self._greedy = np.asarray(action)
+            rollouts = self.task.simulate(self.test_contexts, self._greedy)
         self.rows.append(
             {
                 "rollouts": self.num_timesteps,

@@ -22,6 +22,8 @@ MEASURES = (
     "retried",
     "most_rollouts",
     *(f"rollouts_to_{name}" for name in THRESHOLDS),
+    "own_failure_rate",
+    "remembered",
 )
 
 
@@ -33,6 +35,8 @@ def frame(records: Sequence[RunRecord]) -> pd.DataFrame:
     ``rollouts`` and ``contexts`` what was spent, ``retried`` the contexts that took more than one
     rollout, ``most_rollouts`` the rollouts in the one that took most, and ``rollouts_to_<rate>``
     those from which on the failure rate stays at or below a threshold (infinity if it does not).
+    ``own_failure_rate`` is that of the model's own answers in the end, ``remembered`` the share of
+    held-out contexts where the greedy answer is another one; NaN where there is no model.
 
     :param records: of finished and failed runs
     """
@@ -63,6 +67,9 @@ def _run_row(record: RunRecord) -> dict[str, Any]:
         "retried": sum(count > 1 for count in in_contexts),
         "most_rollouts": max(in_contexts),
     }
+    own = record.measured.more.get("own")
+    if own is not None:
+        row |= {"own_failure_rate": own["failure_rate"], "remembered": own["remembered"]}
     for name, rate in THRESHOLDS.items():
         reached = [failing <= rate for failing in curve["failure_rate"]]
         row[f"rollouts_to_{name}"] = rollouts_to_success(curve["rollouts"], reached)
@@ -79,6 +86,8 @@ def _numbers(done: pd.DataFrame) -> dict[str, Any]:
             f"{name}_low": float(low),
             f"{name}_high": float(high),
         }
+    for name in ("own_failure_rate", "remembered"):
+        row[f"{name}_mean"] = done[name].astype(float).mean()  # NaN where no run has one
     for name in ("rollouts", "contexts", "retried", "training_seconds"):
         row[name] = quantile(done[name], 0.5)
     row["rollouts_max"] = int(done["rollouts"].to_numpy().max())

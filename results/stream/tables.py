@@ -7,6 +7,7 @@ from typing import Any
 import pandas as pd
 
 from results.report.footnotes import page, rollouts_cell
+from results.report.own_answer import OWN_NOTE, SEES_NOTE, sees_cell
 from results.report.text_table import NOT_APPLICABLE, Cell, Page, TextTable, row_cells
 from results.stream.summary import THRESHOLDS, summarise
 
@@ -20,8 +21,11 @@ HEADER = (
     "contexts\n(retried)",
     "most in one\ncontext",
     "reward",
+    "own answer\nfails",
+    "sees",
     "time\n[s]",
 )
+N_LAST = 3  # columns of which a row without runs says nothing: own answer, sees, time
 NOTES = (
     "A run: some contexts shown solved, then rollouts in a stream of new ones, until the budget "
     "or the contexts allowed are spent. fail: share of held-out contexts, the same for all runs, "
@@ -35,6 +39,11 @@ NOTES = (
     "context: the largest of all runs. reward: of the held-out contexts at the end, mean. time: "
     "median seconds per run on one thread, training on demonstrations and rollouts included, "
     "evaluations not.",
+    f"{OWN_NOTE} fails: the failure rate of these answers, mean; in parentheses, in how many of "
+    "the held-out contexts the greedy policy answers with a remembered rollout instead. No rollout "
+    "was made in these contexts, so 0 % is the rule; but where the task tells what rollouts "
+    "achieved, a policy may repeat one that achieved what is asked.",
+    SEES_NOTE,
 )
 
 
@@ -58,7 +67,8 @@ def tables(runs: pd.DataFrame, labels: Sequence[str] | None = None) -> Page:
 def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
     head = row_cells(row["label"], str(row["seeds"]), row["failed"])
     if row["reason"]:
-        return (*head, *(((row["reason"], ""),) * (len(HEADER) - 3)), (NOT_APPLICABLE, ""))
+        nothing = ((NOT_APPLICABLE, ""),) * N_LAST
+        return (*head, *(((row["reason"], ""),) * (len(HEADER) - 2 - N_LAST)), *nothing)
     return (
         *head,
         failure_text(row, "first_failure_rate"),
@@ -68,8 +78,18 @@ def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
         (f"{row['contexts']:.0f}", f"({row['retried']:.0f})"),
         (f"{row['most_rollouts']:.0f}", ""),
         (f"{row['mean_reward_mean']:.3f}", ""),
+        _own(row),
+        sees_cell(row),
         (f"{row['training_seconds']:.0f}", ""),
     )
+
+
+def _own(row: Mapping[Hashable, Any]) -> Cell:
+    """Return how often the model's own answers fail, and how often memory answered instead."""
+    failing, remembered = 100 * row["own_failure_rate_mean"], 100 * row["remembered_mean"]
+    if math.isnan(failing):
+        return NOT_APPLICABLE, ""
+    return f"{failing:.1f} %", f"({remembered:.0f} %)"
 
 
 def failure_text(row: Mapping[Hashable, Any], name: str) -> Cell:

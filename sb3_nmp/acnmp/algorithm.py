@@ -20,7 +20,7 @@ from sb3_nmp.bayesian.settings import ACNMPCritic
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
 from sb3_nmp.common.context_search import ContextSearch
 from sb3_nmp.common.demonstrations import Demonstrations
-from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.common.rollouts import Generation, Information
 from sb3_nmp.common.settings import Rules
 from sb3_nmp.models.cnmp_training import (
     CNMPPretraining,
@@ -103,6 +103,16 @@ class ACNMP(AdaptiveAlgorithm):
             max_generations=max_generations,
             **shared,
         )
+
+    @property
+    def information(self) -> frozenset[Information]:
+        """Terms besides for a critic; step rewards for an advantage that is not the place."""
+        settings, told = self.adaptation, set(super().information)
+        if self.search == "critic":
+            told.add(Information.TERMS)
+        if settings.n_training_steps > 0 and settings.advantage != "place":
+            told.add(Information.STEP_REWARDS)
+        return frozenset(told)
 
     def _rules(self) -> Rules:
         known = self.search in get_args(SearchKind)

@@ -21,7 +21,7 @@ from sb3_nmp.common.elites import SAME_CONTEXT
 from sb3_nmp.common.environment import check_multiple
 from sb3_nmp.common.exceptions import ConfigurationError, InvalidDataError
 from sb3_nmp.common.policies import ElitePolicy
-from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.common.rollouts import Generation, Information
 from sb3_nmp.common.settings import Rules
 
 
@@ -103,6 +103,11 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
         """
 
     # -- set-up --------------------------------------------------------------------------------
+
+    @property
+    def information(self) -> frozenset[Information]:
+        """Success besides: it tells what is assimilated and remembered."""
+        return super().information | {Information.SUCCESS}
 
     def _rules(self) -> Rules:
         begin, end = thresholds(self.reward_threshold)

@@ -25,7 +25,7 @@ from sb3_nmp.common.demonstrations import Demonstrations, check_type
 from sb3_nmp.common.environment import Scale
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.policies import TrajectoryPolicy
-from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.common.rollouts import Generation, Information
 from sb3_nmp.common.settings import Rules, check_rules
 
 FOR_BANDITS: dict[str, Any] = {
@@ -96,7 +96,7 @@ class TrajectoryAlgorithm(BaseAlgorithm):
         environment.check_env_id(env)
         super().__init__(policy, env, learning_rate, device=device, **FOR_BANDITS, **shared)
         self.population_size, self.exploration_scale = population_size, exploration_scale
-        self.demonstrations = check_type(demonstrations)
+        self.demonstrations, self._was_shown = check_type(demonstrations), bool(demonstrations)
         self.rng = np.random.default_rng(self.seed)
         self._n_updates, self._generation_started = 0, False
         self._collected: list[Generation] = []
@@ -123,6 +123,12 @@ class TrajectoryAlgorithm(BaseAlgorithm):
 
     def _observe(self, rollouts: Generation) -> None:
         """Take in rollouts as soon as they are done, before their generation is complete."""
+
+    @property
+    def information(self) -> frozenset[Information]:
+        """What it learns from in its latest run; a subclass adds what else its code reads."""
+        shown = {Information.DEMONSTRATIONS} if self._was_shown else set[Information]()
+        return frozenset({Information.REWARD} | shown)
 
     def _rules(self) -> Rules:
         """Return the rules that the settings must fit."""
@@ -326,12 +332,9 @@ class TrajectoryAlgorithm(BaseAlgorithm):
         elapsed = max((time.time_ns() - self.start_time) / 1e9, sys.float_info.epsilon)
         self.logger.record("time/iterations", iteration, exclude="tensorboard")
         if self.ep_info_buffer:
-            self.logger.record(
-                "rollout/ep_rew_mean", safe_mean([info["r"] for info in self.ep_info_buffer])
-            )
-            self.logger.record(
-                "rollout/ep_len_mean", safe_mean([info["l"] for info in self.ep_info_buffer])
-            )
+            for name, key in (("ep_rew_mean", "r"), ("ep_len_mean", "l")):
+                mean = safe_mean([info[key] for info in self.ep_info_buffer])
+                self.logger.record(f"rollout/{name}", mean)
         if self.ep_success_buffer:
             self.logger.record("rollout/success_rate", safe_mean(list(self.ep_success_buffer)))
         spent = self.num_timesteps - self._num_timesteps_at_start

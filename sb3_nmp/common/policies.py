@@ -36,6 +36,33 @@ class TrajectoryPolicy(BasePolicy):
             "lr_schedule": self._dummy_schedule,  # a loaded policy is not trained further
         }
 
+    def own_answer(self, contexts: NDArray[np.floating]) -> NDArray[np.float64] | None:
+        """Return what was learned, without any rollout remembered, inside the space, (N, T, D).
+
+        It is what a search leaves in the model itself. Where the greedy answer is a remembered
+        rollout, the two differ.
+
+        :param contexts: shape (N, C)
+        :return: None where there is no model, or where it has learned nothing
+        """
+        with th.no_grad():
+            answered = self._learned(self._rows(contexts))
+        return None if answered is None else self._inside(answered)
+
+    def _learned(self, contexts: th.Tensor) -> th.Tensor | None:
+        """Return the model's greedy answers, shape (N, T, D); None, the default, where none is.
+
+        :param contexts: shape (N, C)
+        """
+        return None
+
+    def _rows(self, contexts: NDArray[np.floating]) -> th.Tensor:
+        return th.as_tensor(np.asarray(contexts), dtype=th.float32, device=self.device)
+
+    def _inside(self, trajectories: th.Tensor) -> NDArray[np.float64]:
+        space = cast(spaces.Box, self.action_space)
+        return np.clip(trajectories.cpu().numpy(), space.low, space.high).astype(np.float64)
+
     def forward(self, observation: PyTorchObs, deterministic: bool = False) -> th.Tensor:
         """Return a trajectory for each context, shape (N, T, D).
 
@@ -67,6 +94,9 @@ class ElitePolicy(TrajectoryPolicy):
         :param contexts: shape (N, C)
         :param deterministic: the mean instead of a sample
         """
+
+    def _learned(self, contexts: th.Tensor) -> th.Tensor | None:
+        return self.generalise(contexts)
 
     def _predict(self, observation: PyTorchObs, deterministic: bool = False) -> th.Tensor:
         contexts = cast(th.Tensor, observation)
@@ -113,8 +143,5 @@ class ElitePolicy(TrajectoryPolicy):
 
         :param contexts: shape (N, C)
         """
-        rows = th.as_tensor(np.asarray(contexts), dtype=th.float32, device=self.device)
         with th.no_grad():
-            answered = self._predict(rows, deterministic=True).cpu().numpy()
-        space = cast(spaces.Box, self.action_space)
-        return np.clip(answered, space.low, space.high).astype(np.float64)
+            return self._inside(self._predict(self._rows(contexts), deterministic=True))

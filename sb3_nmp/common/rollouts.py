@@ -5,6 +5,7 @@ them may be missing. Shape letters: N rollouts, T time points, D dimensions, C c
 """
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any, TypedDict, cast
 
 import numpy as np
@@ -17,6 +18,17 @@ STEP_REWARDS = "step_rewards"
 ACHIEVED_CONTEXT = "achieved_context"
 #: each term of the reward stands under this prefix and its name, as in ``"reward_goal"``
 TERM_PREFIX = "reward_"
+
+
+class Information(StrEnum):
+    """What an algorithm may learn from, besides contexts and the trajectories it executed."""
+
+    REWARD = "reward"
+    SUCCESS = "success"
+    TERMS = "terms"
+    STEP_REWARDS = "step rewards"
+    ACHIEVED_CONTEXTS = "achieved contexts"
+    DEMONSTRATIONS = "demonstrations"
 
 
 class RolloutInfo(TypedDict, total=False):

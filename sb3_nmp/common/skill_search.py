@@ -20,7 +20,7 @@ from sb3_nmp.common.contextual import ContextualExploration, ContextualSearch, E
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.elites import SAME_CONTEXT
 from sb3_nmp.common.policies import ElitePolicy
-from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.common.rollouts import Generation, Information
 
 
 class SkillSearchArguments(SharedArguments, total=False):
@@ -62,6 +62,13 @@ class SkillSearch(BufferedAlgorithm):
     @property
     def _skill(self) -> Skill:
         return cast(Skill, self.policy.skill)  # pyright: ignore[reportAttributeAccessIssue]
+
+    @property
+    def information(self) -> frozenset[Information]:
+        """Success besides, and achieved contexts where contexts vary and `relabel` allows it."""
+        told = super().information | {Information.SUCCESS}
+        relabels = self._varies and self.relabel is not False
+        return told | {Information.ACHIEVED_CONTEXTS} if relabels else told
 
     def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
         """Exchange the environment; see SB3. Whether its contexts vary is found out anew.

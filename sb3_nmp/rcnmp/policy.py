@@ -171,6 +171,10 @@ class RCNMPPolicy(ElitePolicy):
         drawn = latents if deterministic else th.randn_like(latents)
         return self.generate(contexts, self.network.code(drawn, category))
 
+    def _learned(self, contexts: th.Tensor) -> th.Tensor | None:
+        """Return the skill's or the network's answers; before any training there are none."""
+        return self.generalise(contexts) if self.skill.is_ready or self.is_scaled else None
+
     def modes(
         self, contexts: NDArray[np.floating]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
