@@ -21,8 +21,8 @@ from results.harness.suite import Recipe
 from sb3_nmp.common.algorithm import TrajectoryAlgorithm
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.noise import SmoothNoise
-from sb3_nmp.common.policies import TrajectoryPolicy
-from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.common.policies import ElitePolicy, TrajectoryPolicy
+from sb3_nmp.common.rollouts import Generation, Information
 
 
 class BestPolicy(TrajectoryPolicy):
@@ -244,3 +244,60 @@ class Guessing(HillClimber):
 
     def initial_trajectory(self) -> NDArray[np.float64]:
         return super().initial_trajectory() if self.guess is None else self.guess
+
+
+def straight(contexts: NDArray[np.floating]) -> FloatArray:
+    """The lines to the targets, which solve `TARGET_TASK`, shape (N, 12, 2)."""
+    return np.linspace(0.0, 1.0, 12)[:, None] * np.asarray(contexts, np.float64)[:, None]
+
+
+class LearnerPolicy(ElitePolicy):
+    """Its model solves every target, or rests."""
+
+    def __init__(
+        self,
+        observation_space: spaces.Box,
+        action_space: spaces.Box,
+        lr_schedule: Schedule,
+        model_is_right: bool = True,
+    ) -> None:
+        super().__init__(observation_space, action_space)
+        self.model_is_right = model_is_right
+
+    def generalise(self, contexts: th.Tensor, deterministic: bool = True) -> th.Tensor:
+        lines = float(self.model_is_right) * straight(contexts.numpy())
+        return th.as_tensor(lines, dtype=th.float32)
+
+
+class Learner(TrajectoryAlgorithm):
+    """Its rollouts solve the task where its model does not, and the other way round."""
+
+    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MlpPolicy": LearnerPolicy}
+
+    def __init__(
+        self,
+        policy: str,
+        env: Any,
+        seed: int | None = None,
+        demonstrations: Demonstrations | None = None,
+        model_is_right: bool = True,
+    ) -> None:
+        kwargs = {"model_is_right": model_is_right}
+        super().__init__(
+            policy, env, population_size=4, seed=seed, demonstrations=demonstrations,
+            policy_kwargs=kwargs,
+        )  # fmt: skip
+
+    @property
+    def information(self) -> frozenset[Information]:
+        return super().information | {Information.SUCCESS}
+
+    def _begin_generation(self) -> None: ...
+
+    def _propose(self, members: slice, contexts: NDArray[np.float32]) -> NDArray[np.floating]:
+        return float(not cast(LearnerPolicy, self.policy).model_is_right) * straight(contexts)
+
+    def _end_generation(self, generation: Generation) -> None:
+        cast(LearnerPolicy, self.policy).elites.update(
+            generation.contexts, generation.trajectories, generation.rewards, generation.successes
+        )

@@ -57,7 +57,7 @@ class TrajectoryPolicy(BasePolicy):
         return None
 
     def _rows(self, contexts: NDArray[np.floating]) -> th.Tensor:
-        return th.as_tensor(np.asarray(contexts), dtype=th.float32, device=self.device)
+        return th.tensor(np.asarray(contexts), dtype=th.float32, device=self.device)
 
     def _inside(self, trajectories: th.Tensor) -> NDArray[np.float64]:
         space = cast(spaces.Box, self.action_space)

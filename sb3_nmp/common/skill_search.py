@@ -65,10 +65,12 @@ class SkillSearch(BufferedAlgorithm):
 
     @property
     def information(self) -> frozenset[Information]:
-        """Success besides, and achieved contexts where contexts vary and `relabel` allows it."""
-        told = super().information | {Information.SUCCESS}
-        relabels = self._varies and self.relabel is not False
-        return told | {Information.ACHIEVED_CONTEXTS} if relabels else told
+        """Success besides; where rollouts told what they achieved, that instead of the reward."""
+        known = super().information | {Information.SUCCESS}
+        told = np.isfinite(self.replay_buffer.achieved).any()
+        if not (self._varies and told) or self.relabel is False:
+            return known
+        return known - {Information.REWARD} | {Information.ACHIEVED_CONTEXTS}
 
     def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
         """Exchange the environment; see SB3. Whether its contexts vary is found out anew.
