@@ -35,21 +35,18 @@ def check_regression(name: str) -> None:
         )
 
 
-def fit(
-    regression: Regression, contexts: FloatArray, values: FloatArray, penalty: float = RIDGE
-) -> Answer:
+def fit(regression: Regression, contexts: FloatArray, values: FloatArray) -> Answer:
     """Return what answers contexts by regression on known ones.
 
     >>> known = np.array([[0.0], [1.0], [2.0]])
     >>> fit("nearest", known, known**2)(np.array([[1.8]])).tolist()
     [[4.0]]
-    >>> fit("quadratic", known, known**2, penalty=1e-9)(np.array([[3.0]])).round(6).tolist()
-    [[9.0]]
+    >>> fit("ridge", known, 2 * known)(np.array([[1.0]])).round(6).tolist()
+    [[2.0]]
 
     :param regression: which one
     :param contexts: the known ones, shape (M, C)
     :param values: theirs, shape (M, P)
-    :param penalty: of the slopes in ``"ridge"`` and ``"quadratic"``
     """
     std = contexts.std(axis=0)
     std = np.where(std > 1e-9, std, 1.0)
@@ -57,9 +54,9 @@ def fit(
     if regression == "nearest":
         answer = nearest(known, values)
     elif regression == "ridge":
-        answer = ridge(known, values, penalty)
+        answer = ridge(known, values)
     elif regression == "quadratic":
-        answer = quadratic(known, values, penalty)
+        answer = quadratic(known, values)
     else:
         answer = gaussian_process(known[-NEWEST:], values[-NEWEST:])
     return lambda asked: answer(np.asarray(asked, np.float64) / std)
@@ -74,26 +71,24 @@ def nearest(known: FloatArray, values: FloatArray) -> Answer:
     return lambda asked: values[np.square(asked[:, None] - known).sum(axis=2).argmin(axis=1)]
 
 
-def ridge(known: FloatArray, values: FloatArray, penalty: float = RIDGE) -> Answer:
+def ridge(known: FloatArray, values: FloatArray) -> Answer:
     """Return what answers linearly in the context.
 
     :param known: contexts with a standard deviation of 1, shape (M, C)
     :param values: theirs, shape (M, P)
-    :param penalty: of the slopes
     """
     centre, middle = known.mean(axis=0), values.mean(axis=0)
     rows = known - centre
-    gram = rows.T @ rows + penalty * np.eye(rows.shape[1])
+    gram = rows.T @ rows + RIDGE * np.eye(rows.shape[1])
     slopes = np.linalg.solve(gram, rows.T @ (values - middle))
     return lambda asked: middle + (asked - centre) @ slopes
 
 
-def quadratic(known: FloatArray, values: FloatArray, penalty: float = RIDGE) -> Answer:
+def quadratic(known: FloatArray, values: FloatArray) -> Answer:
     """Return what answers linearly in the context's entries and their products, of two each.
 
     :param known: contexts with a standard deviation of 1, shape (M, C)
     :param values: theirs, shape (M, P)
-    :param penalty: of the slopes
     """
     centre = known.mean(axis=0)
     one, other = np.triu_indices(known.shape[1])
@@ -102,7 +97,7 @@ def quadratic(known: FloatArray, values: FloatArray, penalty: float = RIDGE) -> 
         rows = contexts - centre
         return np.column_stack([rows, rows[:, one] * rows[:, other]])
 
-    answer = ridge(features(known), values, penalty)
+    answer = ridge(features(known), values)
     return lambda asked: answer(features(asked))
 
 

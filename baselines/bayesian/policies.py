@@ -8,7 +8,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.type_aliases import Schedule
 
-from baselines.regression import RIDGE, Answer, Regression, check_regression, fit
+from baselines.regression import Answer, Regression, check_regression, fit
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.growing import GrowingModule
 from sb3_nmp.common.policies import ElitePolicy
@@ -22,7 +22,6 @@ class KnownTrajectories(GrowingModule):
     :param context_dim: C
     :param trajectory_shape: (T, D)
     :param regression: which one
-    :param penalty: of the slopes, see `baselines.regression.fit`
     """
 
     growing: ClassVar[tuple[str, ...]] = ("contexts", "trajectories")
@@ -35,11 +34,9 @@ class KnownTrajectories(GrowingModule):
         context_dim: int,
         trajectory_shape: tuple[int, int],
         regression: Regression,
-        penalty: float,
     ) -> None:
         super().__init__()
         self.regression: Regression = regression
-        self.penalty = penalty
         self.register_buffer("contexts", th.empty(0, context_dim, dtype=th.float64))
         self.register_buffer("trajectories", th.empty(0, *trajectory_shape, dtype=th.float64))
         self._fitted: tuple[th.Tensor, Answer] | None = None
@@ -68,7 +65,7 @@ class KnownTrajectories(GrowingModule):
         if self._fitted is None or self._fitted[0] is not known:  # learned or loaded since
             flat = known.flatten(1).cpu().numpy()
             rows = self.contexts.cpu().numpy()
-            self._fitted = known, fit(self.regression, rows, flat, self.penalty)
+            self._fitted = known, fit(self.regression, rows, flat)
         return self._fitted[1](np.asarray(contexts, np.float64)).reshape(-1, *known.shape[1:])
 
 
@@ -86,9 +83,7 @@ class BOPolicy(ElitePolicy):
     :param lr_schedule: not used; SB3 passes it to every policy
     :param regression: of trajectories on contexts: ``"nearest"``, ``"ridge"``, ``"quadratic"`` or
         ``"gaussian-process"``
-    :param penalty: of the slopes in ``"ridge"`` and ``"quadratic"``, contexts having a standard
-        deviation of 1
-    :raises ConfigurationError: there is no such regression, or a penalty that is not > 0
+    :raises ConfigurationError: there is no such regression
     """
 
     def __init__(
@@ -96,15 +91,12 @@ class BOPolicy(ElitePolicy):
         observation_space: spaces.Box,
         action_space: spaces.Box,
         lr_schedule: Schedule | None = None,
-        regression: Regression = "gaussian-process",
-        penalty: float = RIDGE,
+        regression: Regression = "quadratic",
     ) -> None:
         super().__init__(observation_space, action_space)
         check_regression(regression)
-        if not penalty > 0:
-            raise ConfigurationError(f"penalty is {penalty}; it must be > 0.")
-        self.settings: dict[str, Any] = {"regression": regression, "penalty": penalty}
-        self.known = KnownTrajectories(self.context_dim, self.trajectory_shape, regression, penalty)
+        self.settings: dict[str, Any] = {"regression": regression}
+        self.known = KnownTrajectories(self.context_dim, self.trajectory_shape, regression)
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
         return super()._get_constructor_parameters() | self.settings
