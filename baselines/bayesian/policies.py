@@ -91,7 +91,7 @@ class BOPolicy(ElitePolicy):
         observation_space: spaces.Box,
         action_space: spaces.Box,
         lr_schedule: Schedule | None = None,
-        regression: Regression = "quadratic",
+        regression: Regression = "gaussian-process",
     ) -> None:
         super().__init__(observation_space, action_space)
         check_regression(regression)

@@ -28,8 +28,8 @@ OF_TWINS = OF_ACNMP | {"exploration": ShapedExploration(n_bases=8)}
 ALGORITHMS = {
     "ACNMP": replace(ACNMP, settings=OF_ACNMP),
     "ACNMP, sum alone": replace(ACNMP, settings=OF_ACNMP | SUM_ALONE),
-    **twins("nearest", "quadratic", "Gaussian process", **OF_TWINS),
-    "twin, quadratic, sum alone": twin("quadratic", **OF_TWINS, **SUM_ALONE),
+    **twins("nearest", "ridge", "Gaussian process", **OF_TWINS),
+    "twin, ridge, sum alone": twin("ridge", **OF_TWINS, **SUM_ALONE),
     "ACNMP (thesis)": thesis_acnmp(),
     "CMA-ES context": replace(
         CMAES, settings={"n_bases": 8, "context_std": 0.3, "population_size": 4}

@@ -24,8 +24,8 @@ ONE_BY_ONE: dict[str, object] = {"population_size": 1}
 ALGORITHMS = {
     "ACNMP": replace(ACNMP, settings=ONE_BY_ONE),
     "ACNMP, sum alone": replace(ACNMP, settings=ONE_BY_ONE | SUM_ALONE),
-    **twins("nearest", "quadratic", "Gaussian process", **ONE_BY_ONE),
-    "twin, quadratic, sum alone": twin("quadratic", **ONE_BY_ONE, **SUM_ALONE),
+    **twins("nearest", "ridge", "Gaussian process", **ONE_BY_ONE),
+    "twin, ridge, sum alone": twin("ridge", **ONE_BY_ONE, **SUM_ALONE),
     "ACNMP (thesis)": thesis_acnmp(),
     "CMA-ES context": CMAES_CONTEXT,
     "ProMP+RL (Stark)": replace(STARK, settings={"population_size": 6}),

@@ -27,7 +27,7 @@ ALGORITHMS = {
     "noise not shaped": acnmp(exploration=replace(EXPLORATION, shaped=0.0)),
     "noise half shaped": acnmp(exploration=replace(EXPLORATION, shaped=0.5)),
     "no pull": acnmp(critic=ACNMPCritic(pull=0.0)),
-    **twins("quadratic", exploration=ShapedExploration.preset("push")),
+    **twins("nearest", exploration=ShapedExploration.preset("push")),
     "thesis's decoder": acnmp(
         policy_kwargs={"cnmp": CNMPArchitecture(context_in_decoder=True, linear_trend=False)}
     ),
