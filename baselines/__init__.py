@@ -1,5 +1,6 @@
 """Methods from elsewhere that ours are compared with, with the interface of Stable-Baselines3."""
 
+from baselines.bayesian import BO, BOPolicy
 from baselines.cmaes import CMAES, ResidualPolicy
 from baselines.dreps import DREPS
 from baselines.ga import GA, GAPolicy
@@ -15,11 +16,13 @@ from baselines.promp_rl import (
 from baselines.reps import REPS, GaussianPrimitivePolicy
 
 __all__ = [
+    "BO",
     "CMAES",
     "DMP",
     "DREPS",
     "GA",
     "REPS",
+    "BOPolicy",
     "EwertonProMPRL",
     "GAPolicy",
     "GaussianPrimitivePolicy",

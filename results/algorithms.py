@@ -1,9 +1,13 @@
 """The algorithms of the benchmark, by stable name; suites give them settings and labels."""
 
+from dataclasses import replace
+
 from results.harness.specification import Algorithm
+from sb3_nmp import ACNMPAdaptation, ACNMPCritic, ACNMPExploration, CNMPArchitecture
 
 RCNMP = Algorithm("rcnmp", "sb3_nmp:RCNMP", description="reward-conditioned neural process")
 ACNMP = Algorithm("acnmp", "sb3_nmp:ACNMP", description="adaptive conditional neural process")
+BO = Algorithm("bo", "baselines:BO", description="ACNMP's search without the network")
 GA = Algorithm("ga", "baselines:GA", description="RC-NMP's operators without the network")
 JUDGED_GA = Algorithm(
     "ga",
@@ -30,5 +34,62 @@ EWERTON = Algorithm(
 )
 BY_NAME = {
     algorithm.name: algorithm
-    for algorithm in (RCNMP, ACNMP, GA, DREPS, REPS, CMAES, STARK, EWERTON)
+    for algorithm in (RCNMP, ACNMP, BO, GA, DREPS, REPS, CMAES, STARK, EWERTON)
 }
+
+
+#: by the end of a row's label: how a twin of ACNMP answers contexts
+TWINS = {
+    "nearest": "nearest",
+    "ridge": "ridge",
+    "quadratic": "quadratic",
+    "Gaussian process": "gaussian-process",
+}
+#: setting of a critic that does not see the reward's terms
+SUM_ALONE: dict[str, object] = {"critic": ACNMPCritic(terms=False)}
+
+
+def twin(name: str, **settings: object) -> Algorithm:
+    """Return ACNMP's search around a regression's answer instead of the network's.
+
+    >>> twin("ridge", population_size=1).settings["policy_kwargs"]
+    {'regression': 'ridge'}
+
+    :param name: of `TWINS`
+    :param settings: further constructor arguments: those of the suite's ACNMP that need no network
+    """
+    kwargs = {"policy_kwargs": {"regression": TWINS[name]}}
+    described = f"ACNMP's search, contexts answered by {name} instead of a network"
+    return replace(BO, settings=kwargs | settings, description=described)
+
+
+def twins(*names: str, **settings: object) -> dict[str, Algorithm]:
+    """Return rows of twins, by label.
+
+    >>> list(twins("nearest", "Gaussian process"))
+    ['twin, nearest', 'twin, Gaussian process']
+
+    :param names: of `TWINS`
+    :param settings: see `twin`
+    """
+    return {f"twin, {name}": twin(name, **settings) for name in names}
+
+
+def thesis_acnmp(**settings: object) -> Algorithm:
+    """Return ACNMP with the thesis's search and the constants of its published code for Push.
+
+    Two rollouts per generation, the policy's answer and one with smooth noise in 20 knots that is
+    alike everywhere; its advantage at each time; context in the decoder, and no trend.
+
+    :param settings: further constructor arguments, or others
+    """
+    constants: dict[str, object] = {
+        "search": "policy",
+        "population_size": 2,
+        "learning_rate": 5e-5,
+        "adaptation": ACNMPAdaptation("step", n_training_steps=100),
+        "exploration": ACNMPExploration(latent=0.0, n_bases=20, shaped=0.0, radius=0.5),
+        "policy_kwargs": {"cnmp": CNMPArchitecture(context_in_decoder=True, linear_trend=False)},
+    }
+    described = "policy gradient, noise and network as in the thesis"
+    return replace(ACNMP, settings=constants | settings, description=described)

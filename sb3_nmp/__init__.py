@@ -1,6 +1,7 @@
 """Robot skill learning by neural movement primitives, as Stable-Baselines3 algorithms."""
 
 from sb3_nmp.acnmp import ACNMP, ACNMPAdaptation, ACNMPCritic, ACNMPExploration, ACNMPPolicy
+from sb3_nmp.bayesian.settings import ShapedExploration
 from sb3_nmp.common.algorithm import TrajectoryAlgorithm
 from sb3_nmp.common.contextual import ContextualExploration
 from sb3_nmp.common.demonstrations import Demonstrations
@@ -43,6 +44,7 @@ __all__ = [
     "RCNMPRewardModel",
     "RCNMPSkill",
     "RCNMPTraining",
+    "ShapedExploration",
     "SmoothNoise",
     "TrajectoryAlgorithm",
     "UnknownArgumentError",

@@ -3,7 +3,7 @@
 from typing import Any
 
 import benchmark_envs  # noqa: F401  (registers the tasks)
-from baselines import CMAES, DREPS, GA, REPS, EwertonProMPRL, StarkProMPRL
+from baselines import BO, CMAES, DREPS, GA, REPS, EwertonProMPRL, StarkProMPRL
 from sb3_nmp import (
     ACNMP,
     RCNMP,
@@ -32,6 +32,7 @@ ALGORITHMS: dict[type[TrajectoryAlgorithm], dict[str, Any]] = {
         "adaptation": ACNMPAdaptation(n_training_steps=3, n_assimilation_steps=3),
         "policy_kwargs": {"cnmp": CNMPArchitecture(encoder_arch=(16,), decoder_arch=(16,))},
     },
+    BO: {"population_size": POPULATION, "demonstrations": DEMONSTRATIONS},
     CMAES: {
         "population_size": POPULATION,
         "demonstrations": DEMONSTRATIONS,

@@ -1,5 +1,6 @@
 """CMA-ES over residuals: the search by ask and tell, its space, and the algorithm's settings."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,14 @@ class TestSpace:
         parameters = np.random.default_rng(0).normal(size=(20_000, 8))
         spread = make_search().space.residuals(parameters, SHAPE).std(axis=0)
         assert_allclose(spread, np.tile([0.5, 2.0], (SHAPE[0], 1)), rtol=0.03)
+
+    def test_mixing_moves_the_dimensions_together(self) -> None:
+        space = replace(make_search().space, mixing=np.tile([[0.0, 1.0], [0.0, 1.0]], (50, 1, 1)))
+        parameters = np.random.default_rng(0).normal(size=(20_000, 8))
+        residuals = space.residuals(parameters, SHAPE)
+        plain = make_search().space.residuals(parameters, SHAPE) / NOISE.sigma
+        assert_allclose(residuals[..., 0], 0.0)
+        assert_allclose(residuals[..., 1], 2.0 * plain.sum(axis=2))
 
 
 class TestSearch:
@@ -125,6 +134,19 @@ class TestAlgorithm:
         predicted = model.predict(shown.contexts.astype(np.float32), deterministic=True)[0]
         assert np.sqrt(np.mean((predicted - shown.trajectories) ** 2)) < 0.05
 
+    def test_residuals_may_be_shaped_like_the_demonstrations(self) -> None:
+        """These begin alike and end apart: there is little to search at the start."""
+        ramps = np.linspace(0, 1, 200)[:, None] * np.array([-1.0, 0.0, 1.0])[:, None, None]
+        shown = Demonstrations(np.arange(12.0).reshape(3, 4), np.repeat(ramps, 2, axis=2))
+        spread = []
+        for shaped in (0.0, 0.99):
+            model = make(demonstrations=shown, shaped=shaped, population_size=50).learn(50)
+            search: Any = model.searches[0].search
+            tried = search.ask(50, np.random.default_rng(0))
+            spread.append(tried.std(axis=0).mean(axis=1))
+        assert spread[1][0] < 0.3 * spread[0][0]
+        assert spread[1].max() > spread[0].max()
+
     def test_solved_contexts_are_remembered(self) -> None:
         shown = Demonstrations.from_task(ENV_ID, 3, seed=0)
         model = make(demonstrations=shown, pretraining=CNMPPretraining(400))
@@ -142,6 +164,8 @@ class TestAlgorithm:
             ({"context_std": -0.1}, r"context_std is -0\.1"),
             ({"context_std": np.nan}, "context_std is nan"),
             ({"context_std": 0.3}, r"context_std is 0\.3, but there are no demonstrations"),
+            ({"shaped": 0.9}, r"shaped is 0\.9, but there are no demonstrations"),
+            ({"shaped": 1.1}, r"shaped is 1\.1; it must be in \[0, 1\]"),
             ({"exploration_scale": (0.1, 0.1, 0.1)}, "tuple of 2: one per dimension"),
             ({"demonstrations": np.zeros((2, 200, 2))}, "must be Demonstrations"),
         ],

@@ -10,7 +10,7 @@ import pytest
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 import sb3_nmp
-from baselines import CMAES, DREPS, GA, REPS, EwertonProMPRL, StarkProMPRL
+from baselines import BO, CMAES, DREPS, GA, REPS, EwertonProMPRL, StarkProMPRL
 from sb3_nmp import ACNMP, RCNMP, ConfigurationError, TrajectoryAlgorithm, UnknownArgumentError
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm
 from sb3_nmp.common.arguments import SB3Arguments, SharedArguments
@@ -33,6 +33,7 @@ SETTINGS = [
     sb3_nmp.CNMPPretraining,
     sb3_nmp.PDController,
     sb3_nmp.RCNMPTraining,
+    sb3_nmp.ShapedExploration,
     sb3_nmp.SmoothNoise,
 ]
 
@@ -65,14 +66,14 @@ def test_every_argument_but_policy_and_environment_has_a_default(algorithm: Any)
 
 
 def test_defaults_that_differ_by_algorithm_are_visible() -> None:
-    known = (RCNMP, GA, REPS, DREPS, StarkProMPRL, EwertonProMPRL, ACNMP, CMAES)
+    known = (RCNMP, GA, REPS, DREPS, StarkProMPRL, EwertonProMPRL, ACNMP, BO, CMAES)
     sizes = {a.__name__: parameters(a)["population_size"].default for a in known}
     assert sizes == {
         "RCNMP": 20, "GA": 20, "REPS": 20, "DREPS": 20, "StarkProMPRL": 20, "EwertonProMPRL": 10,
-        "ACNMP": 3, "CMAES": 5,
+        "ACNMP": 3, "BO": 3, "CMAES": 5,
     }  # fmt: skip
-    longest = [parameters(a)["max_generations"].default for a in (ACNMP, StarkProMPRL)]
-    assert longest == [20, 50]
+    longest = [parameters(a)["max_generations"].default for a in (ACNMP, BO, StarkProMPRL)]
+    assert longest == [20, 20, 50]
     assert parameters(RCNMP)["n_crossover"].default == 16
     assert parameters(GA)["n_crossover"].default == 18
     assert parameters(DREPS)["epsilon"].default == parameters(REPS)["epsilon"].default == 1.5
@@ -213,7 +214,8 @@ def test_every_settings_class_has_a_name_of_its_own_and_is_found_at_the_top() ->
     names = [stable_name(cls) for cls in SETTINGS]
     assert names == [
         "acnmp-adaptation", "acnmp-critic", "acnmp-exploration", "cnmp-architecture",
-        "cnmp-pretraining", "pd-controller", "rcnmp-training", "smooth-noise",
+        "cnmp-pretraining", "pd-controller", "rcnmp-training", "shaped-exploration",
+        "smooth-noise",
     ]  # fmt: skip
     for algorithm in ALGORITHMS:
         for name, parameter in parameters(algorithm).items():

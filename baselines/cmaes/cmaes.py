@@ -10,7 +10,9 @@ from stable_baselines3.common.type_aliases import GymEnv
 
 from baselines.cmaes.policies import ResidualPolicy
 from baselines.cmaes.search import ResidualSearch, ResidualSpace
+from sb3_nmp.bayesian.shaped_noise import spread_over_time
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
+from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.settings import Rules
@@ -37,6 +39,8 @@ class CMAES(AdaptiveAlgorithm):
     :param n_bases: smooth bases of the residual, per dimension (`SmoothNoise`)
     :param context_std: standard deviation of the context's shift at the start, in standard
         deviations of the demonstrations' contexts; 0 leaves it out
+    :param shaped: share of the residual's variance that is shaped like the demonstrations, as in
+        `sb3_nmp.ShapedExploration`
     :param pretraining: how the CNMP learns the demonstrations
     """
 
@@ -53,12 +57,14 @@ class CMAES(AdaptiveAlgorithm):
         max_generations: int = 200,
         n_bases: int = 5,
         context_std: float = 0.0,
+        shaped: float = 0.0,
         pretraining: CNMPPretraining = CNMPPretraining(),  # noqa: B008 (frozen)
         **shared: Unpack[AdaptiveArguments],
     ) -> None:
         self.residual = SmoothNoise(n_bases=n_bases)
-        self.context_std, self.pretraining = context_std, pretraining
+        self.context_std, self.shaped, self.pretraining = context_std, shaped, pretraining
         self._context_step: NDArray[np.float64] | None = None
+        self._mixing: NDArray[np.float64] | None = None
         self._has_learned = False
         super().__init__(
             policy, env, population_size=population_size, max_generations=max_generations, **shared
@@ -69,6 +75,7 @@ class CMAES(AdaptiveAlgorithm):
         return {
             "population_size": (self.population_size >= 3, ">= 3: CMA-ES ranks its rollouts"),
             "context_std": (finite, "finite and >= 0; usual values are 0 to 0.5"),
+            "shaped": (0 <= self.shaped <= 1, "in [0, 1]"),
             **super()._rules(),
         }
 
@@ -80,13 +87,16 @@ class CMAES(AdaptiveAlgorithm):
         if shown is not None:
             self.policy.learn_demonstrations(shown, self.pretraining, self.rng)
             self._has_learned = True
-        if self.context_std > 0:
-            if shown is None:
+        for name in ("context_std", "shaped"):
+            if getattr(self, name) > 0 and shown is None:
                 raise ConfigurationError(
-                    f"context_std is {self.context_std}, but there are no demonstrations: without "
-                    "them no trajectory depends on the context. Give demonstrations=, or 0."
+                    f"{name} is {getattr(self, name)}, but there are no demonstrations, which tell "
+                    "how trajectories vary. Give demonstrations=, or 0."
                 )
-            self._context_step = self.context_std * shown.contexts.std(axis=0)
+        if self.context_std > 0:
+            self._context_step = self.context_std * cast(Demonstrations, shown).contexts.std(axis=0)
+        if self.shaped > 0:
+            self._mixing = spread_over_time(cast(Demonstrations, shown), self.shaped)
 
     def _begin_generation(self) -> None:
         if self._n_updates == 0 and not self._has_learned:
@@ -97,7 +107,7 @@ class CMAES(AdaptiveAlgorithm):
 
     def _new_search(self, context: NDArray[np.float32]) -> ResidualSearch:
         noise = replace(self.residual, sigma=self.first_scale())
-        space = ResidualSpace(noise, context.astype(np.float64), self._context_step)
+        space = ResidualSpace(noise, context.astype(np.float64), self._context_step, self._mixing)
         return ResidualSearch(
             space, self.policy.base, self.policy.trajectory_shape, self.population_size
         )

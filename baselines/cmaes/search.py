@@ -38,17 +38,21 @@ class ResidualSpace:
     """The parameters of the search, each with standard deviation 1, and what they mean.
 
     The first ``n_bases * D`` are the residual: a sum of smooth bases whose standard deviation is
-    sigma at every time point (`SmoothNoise`). Where ``context_step`` is given, C more parameters
+    sigma at every time point (`SmoothNoise`), and where ``mixing`` is given, sigma in the mean over
+    time and shaped like the demonstrations. Where ``context_step`` is given, C more parameters
     shift the context for which the base trajectory is predicted.
 
     :param noise: the bases and their sigma, in the trajectory's unit
     :param context: the context that is searched, shape (C,)
     :param context_step: the shift of a parameter of 1, in the context's units, shape (C,), or None
+    :param mixing: at each time, how the residual in each dimension (rows) moves the trajectory's
+        (columns), see `spread_over_time`, shape (T, D, D), or None
     """
 
     noise: SmoothNoise
     context: FloatArray
     context_step: FloatArray | None
+    mixing: FloatArray | None = None
 
     def size(self, n_dimensions: int) -> int:
         """Return how many parameters there are.
@@ -78,7 +82,10 @@ class ResidualSpace:
         n_time_points, n_dimensions = shape
         weights = parameters[:, : self.noise.n_bases * n_dimensions]
         shaped = weights.reshape(len(parameters), self.noise.n_bases, n_dimensions)
-        return np.asarray(self.noise.sigma) * (self.noise.bases(n_time_points) @ shaped)
+        smooth = self.noise.bases(n_time_points) @ shaped
+        if self.mixing is not None:
+            smooth = np.einsum("ntd,tde->nte", smooth, self.mixing)
+        return np.asarray(self.noise.sigma) * smooth
 
 
 class ResidualSearch:

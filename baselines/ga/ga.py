@@ -11,7 +11,7 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv
 
 from baselines.ga.policies import GAPolicy
-from baselines.ga.skill import NEWEST, gaussian_process
+from baselines.regression import NEWEST, gaussian_process
 from sb3_nmp.common.buffer import selection_weights
 from sb3_nmp.common.judging import Wanted, features
 from sb3_nmp.common.niches import View
@@ -69,10 +69,10 @@ class GA(PopulationSearch):
         known, asked = features(buffer.trajectories[-NEWEST:], trajectories)
         wanted = Wanted.of(view.rewards[-NEWEST:], view.successes[-NEWEST:])
         if not wanted.is_split:
-            return gaussian_process(known, wanted.score[:, None], asked).T
-        success = gaussian_process(known, wanted.success[:, None], asked)
+            return gaussian_process(known, wanted.score[:, None])(asked).T
+        success = gaussian_process(known, wanted.success[:, None])(asked)
         rows = np.flatnonzero(wanted.success)
-        value = gaussian_process(known[rows], wanted.score[rows, None], asked)
+        value = gaussian_process(known[rows], wanted.score[rows, None])(asked)
         return np.log(np.clip(success, 1e-3, 1.0)).T + value.T
 
 

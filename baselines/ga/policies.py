@@ -6,7 +6,8 @@ import torch as th
 from gymnasium import spaces
 from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 
-from baselines.ga.skill import Regression, RegressionSkill
+from baselines.ga.skill import RegressionSkill
+from baselines.regression import Regression
 from sb3_nmp.common.policies import ElitePolicy
 
 
@@ -22,8 +23,8 @@ class GAPolicy(ElitePolicy):
     :param observation_space: contexts, shape (C,)
     :param action_space: trajectories, shape (T, D)
     :param lr_schedule: unused; SB3 gives it to every policy
-    :param regression: by which contexts are answered where these vary: ``"nearest"``, ``"ridge"``
-        or ``"gaussian-process"``
+    :param regression: by which contexts are answered where these vary: ``"nearest"``, ``"ridge"``,
+        ``"quadratic"`` or ``"gaussian-process"``
     :param n_bases: smooth bases of a trajectory, per dimension, where contexts vary
     """
 

@@ -2,7 +2,8 @@
 
 Run it alone on an idle machine: ``python -m results.experiments.speed``. It prints a Markdown
 table: the batched executor against a Python loop over the same model, RC-NMP's training against the
-original code's batches of one trajectory with one target point, and all tasks on 1 and 2 threads.
+original code's batches of one trajectory with one target point, all tasks on 1 and 2 threads, and
+the critic of ACNMP and its twins in searches of few and of many rollouts.
 """
 
 import time
@@ -18,6 +19,9 @@ from benchmark_envs import make_task, task_ids
 from benchmark_envs.executor import available_cores
 from benchmark_envs.tasks.bottles import BottlesTask
 from sb3_nmp import RCNMP, RCNMPTraining, SmoothNoise
+from sb3_nmp.bayesian.search import CriticSearch, Subspace
+from sb3_nmp.bayesian.shaped_noise import noise_directions
+from sb3_nmp.common.rollouts import Generation
 
 N_ROLLOUTS = 128
 N_DEMONSTRATED = 32  # rollouts of each task
@@ -104,11 +108,44 @@ def training_rows() -> list[tuple[str, float, str]]:
     return rows
 
 
+def missed(trajectories: np.ndarray) -> Generation:
+    """Return rollouts of three costs: the norms of a trajectory at its start, middle and end.
+
+    :param trajectories: shape (N, T, D)
+    """
+    moments = {"start": 0, "middle": trajectories.shape[1] // 2, "end": -1}
+    terms = {
+        name: -np.linalg.norm(trajectories[:, at], axis=1).astype(np.float64)
+        for name, at in moments.items()
+    }
+    n = len(trajectories)
+    rewards = np.sum(list(terms.values()), axis=0)
+    contexts, sent = np.zeros((n, 2), np.float32), trajectories.astype(np.float32)
+    return Generation(contexts, sent, rewards, np.zeros(n, bool), terms)
+
+
+def critic_rows() -> list[tuple[str, float, str]]:
+    """Time the critic while the rollouts of a search grow by a tenth: name, rate, unit of each."""
+    rng, rows = np.random.default_rng(0), []
+    along = noise_directions(np.tile(0.1 * np.eye(3), (300, 1, 1)), 5)
+    for n in (50, 200, 600):
+        search, n_asked = CriticSearch(Subspace(np.ones((300, 3)), along), radius=0.7), 0
+        tried = search.space.trajectories(rng.standard_normal((n, search.space.size)))
+        search.tell(missed(tried))
+        begin = time.perf_counter()
+        while n_asked < n / 10:
+            search.tell(missed(search.ask(3, rng)))
+            n_asked += 3
+        speed = n_asked / (time.perf_counter() - begin)
+        rows.append((f"critic of three costs after {n} rollouts", speed, "proposals/s"))
+    return rows
+
+
 def main() -> None:
     """Print the table."""
     th.set_num_threads(1)
     print("| what | rate | unit | ratio |\n|---|---|---|---|")
-    for rows in (simulator_rows(), training_rows(), task_rows()):
+    for rows in (simulator_rows(), training_rows(), critic_rows(), task_rows()):
         first: dict[str, float] = {}
         for name, value, unit in rows:
             base = first.setdefault(unit, value)

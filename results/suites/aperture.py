@@ -2,13 +2,19 @@
 
 from dataclasses import replace
 
-from results.algorithms import ACNMP, EWERTON
+from results.algorithms import ACNMP, EWERTON, SUM_ALONE, thesis_acnmp, twin, twins
 from results.harness.suite import Recipe
 from results.stream.protocol import Stream
-from sb3_nmp import ACNMPAdaptation, ACNMPExploration, CNMPArchitecture, CNMPPretraining
+from sb3_nmp import (
+    ACNMPAdaptation,
+    ACNMPExploration,
+    CNMPArchitecture,
+    CNMPPretraining,
+    ShapedExploration,
+)
 
-#: settings of ACNMP for a stream
-STREAM: dict[str, object] = {
+#: settings of ACNMP and of its twins for a stream
+SEARCH: dict[str, object] = {
     "n_contexts": 20,
     "population_size": 5,
     # A search begins where start and goal are missed by more than 0.1 m together, or the wall is
@@ -16,11 +22,32 @@ STREAM: dict[str, object] = {
     "reward_threshold": (-0.1, -0.05),
     "max_generations": 15,
     "exploration_scale": 0.2,
+}
+OF_TWINS = SEARCH | {"exploration": ShapedExploration.preset("stream")}
+STREAM = SEARCH | {
     "exploration": ACNMPExploration.preset("stream"),
     "pretraining": CNMPPretraining.preset("stream"),
     "adaptation": ACNMPAdaptation.preset("stream"),
     "policy_kwargs": {"cnmp": CNMPArchitecture.preset("stream")},
 }
-ALGORITHMS = {"ACNMP": replace(ACNMP, settings=STREAM), "ProMP+RL (Ewerton)": EWERTON}
+#: of the thesis, for its apertures: a search begins at a failure, whatever the reward
+OF_THESIS: dict[str, object] = {
+    "n_contexts": 20,
+    "reward_threshold": (-60.0, -0.1),
+    "max_generations": 1000,
+    "learning_rate": 1e-4,
+    "exploration_scale": 0.1,
+    "exploration": ACNMPExploration(latent=0.0, n_bases=50, shaped=0.0, radius=1.0),
+    "adaptation": ACNMPAdaptation("step", n_training_steps=50),
+    "pretraining": CNMPPretraining.preset("stream"),
+}
+ALGORITHMS = {
+    "ACNMP": replace(ACNMP, settings=STREAM),
+    "ACNMP, sum alone": replace(ACNMP, settings=STREAM | SUM_ALONE),
+    **twins("nearest", "quadratic", "Gaussian process", **OF_TWINS),
+    "twin, Gaussian process, sum alone": twin("Gaussian process", **OF_TWINS, **SUM_ALONE),
+    "ACNMP (thesis)": thesis_acnmp(**OF_THESIS),
+    "ProMP+RL (Ewerton)": EWERTON,
+}
 TASKS: dict[str, dict[str, object]] = {"nmp/Aperture-v0": {}}
 RECIPE = Recipe(ALGORITHMS, TASKS, budget=10_000, n_seeds=5, protocols=(Stream(),))

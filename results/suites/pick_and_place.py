@@ -4,16 +4,33 @@ from dataclasses import replace
 
 from benchmark_envs.tasks.pick_and_place_expert import EXTRAPOLATION_CONTEXTS
 from results.adaptation.protocol import Extrapolation
-from results.algorithms import ACNMP, CMAES, EWERTON, REPS, STARK
+from results.algorithms import (
+    ACNMP,
+    CMAES,
+    EWERTON,
+    REPS,
+    STARK,
+    SUM_ALONE,
+    thesis_acnmp,
+    twin,
+    twins,
+)
 from results.harness.suite import Recipe
 from results.suites.push import RCNMP_FREE
-from sb3_nmp import ACNMPExploration
+from sb3_nmp import ACNMPExploration, ShapedExploration
 
 # Grasp, carry and release are apart in time: with fewer bases they move each other.
+OF_ACNMP: dict[str, object] = {
+    "population_size": 1,
+    "exploration": ACNMPExploration(n_bases=8),
+}
+OF_TWINS = OF_ACNMP | {"exploration": ShapedExploration(n_bases=8)}
 ALGORITHMS = {
-    "ACNMP": replace(
-        ACNMP, settings={"population_size": 1, "exploration": ACNMPExploration(n_bases=8)}
-    ),
+    "ACNMP": replace(ACNMP, settings=OF_ACNMP),
+    "ACNMP, sum alone": replace(ACNMP, settings=OF_ACNMP | SUM_ALONE),
+    **twins("nearest", "ridge", "Gaussian process", **OF_TWINS),
+    "twin, ridge, sum alone": twin("ridge", **OF_TWINS, **SUM_ALONE),
+    "ACNMP (thesis)": thesis_acnmp(),
     "CMA-ES context": replace(
         CMAES, settings={"n_bases": 8, "context_std": 0.3, "population_size": 4}
     ),

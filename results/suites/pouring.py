@@ -4,14 +4,29 @@ from dataclasses import replace
 
 from benchmark_envs.tasks.pouring import EXTRAPOLATION_CONTEXTS
 from results.adaptation.protocol import Extrapolation
-from results.algorithms import ACNMP, DREPS, EWERTON, REPS, STARK
+from results.algorithms import (
+    ACNMP,
+    DREPS,
+    EWERTON,
+    REPS,
+    STARK,
+    SUM_ALONE,
+    thesis_acnmp,
+    twin,
+    twins,
+)
 from results.harness.suite import Recipe
 from results.suites.push import CMAES_CONTEXT, RCNMP_FREE
 
 # With a handful of rollouts in all, each one is chosen by all before it, and the Gaussians are
 # fitted to as few as they can be.
+ONE_BY_ONE: dict[str, object] = {"population_size": 1}
 ALGORITHMS = {
-    "ACNMP": replace(ACNMP, settings={"population_size": 1}),
+    "ACNMP": replace(ACNMP, settings=ONE_BY_ONE),
+    "ACNMP, sum alone": replace(ACNMP, settings=ONE_BY_ONE | SUM_ALONE),
+    **twins("nearest", "ridge", "Gaussian process", **ONE_BY_ONE),
+    "twin, ridge, sum alone": twin("ridge", **ONE_BY_ONE, **SUM_ALONE),
+    "ACNMP (thesis)": thesis_acnmp(),
     "CMA-ES context": CMAES_CONTEXT,
     "ProMP+RL (Stark)": replace(STARK, settings={"population_size": 6}),
     "ProMP+RL (Ewerton)": replace(EWERTON, settings={"population_size": 9}),

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 from benchmark_envs.tasks.push import EXTRAPOLATION_TARGETS, TARGETS
 from results.adaptation.protocol import LeaveOneOut
-from results.algorithms import ACNMP, CMAES, EWERTON, RCNMP, REPS, STARK
+from results.algorithms import ACNMP, CMAES, EWERTON, RCNMP, REPS, STARK, TWINS, thesis_acnmp, twins
 from results.harness.suite import Recipe
-from sb3_nmp import ACNMPExploration
+from sb3_nmp import ACNMPExploration, ShapedExploration
 
 #: the pushes shown span what is to be found: nearly all of the noise is like them
 EXPLORATION = ACNMPExploration.preset("push")
@@ -15,6 +15,8 @@ RCNMP_FREE = replace(RCNMP, settings={"pd_controller": None}, pretrained=False)
 CMAES_CONTEXT = replace(CMAES, settings={"n_bases": 4, "context_std": 0.3})
 ALGORITHMS = {
     "ACNMP": replace(ACNMP, settings={"exploration": EXPLORATION}),
+    **twins(*TWINS, exploration=ShapedExploration.preset("push")),
+    "ACNMP (thesis)": thesis_acnmp(),
     "CMA-ES residual": replace(
         CMAES,
         settings={"n_bases": 5},

@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 
-from results.algorithms import ACNMP
+from results.algorithms import ACNMP, twins
 from results.harness.specification import Algorithm
 from results.harness.suite import Recipe
 from results.suites.push import ALGORITHMS as PUSH_ALGORITHMS
 from results.suites.push import CHECKPOINTS, EXPLORATION, PROTOCOLS, PUBLISHED, TASKS
-from sb3_nmp import ACNMPAdaptation, ACNMPCritic, CNMPArchitecture
+from sb3_nmp import ACNMPAdaptation, ACNMPCritic, CNMPArchitecture, ShapedExploration
 
 
 def acnmp(**settings: object) -> Algorithm:
@@ -27,6 +27,7 @@ ALGORITHMS = {
     "noise not shaped": acnmp(exploration=replace(EXPLORATION, shaped=0.0)),
     "noise half shaped": acnmp(exploration=replace(EXPLORATION, shaped=0.5)),
     "no pull": acnmp(critic=ACNMPCritic(pull=0.0)),
+    **twins("nearest", exploration=ShapedExploration.preset("push")),
     "thesis's decoder": acnmp(
         policy_kwargs={"cnmp": CNMPArchitecture(context_in_decoder=True, linear_trend=False)}
     ),

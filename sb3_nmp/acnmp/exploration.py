@@ -12,7 +12,7 @@ import torch as th
 from numpy.typing import NDArray
 
 from sb3_nmp.acnmp.settings import ACNMPExploration
-from sb3_nmp.bayesian.shaped_noise import noise_directions, spread_over_time
+from sb3_nmp.bayesian.shaped_noise import shaped_directions
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.models.cnmp import CNMP
 
@@ -49,8 +49,7 @@ def directions(
         along = effects_of_contexts(cnmp, condition)
         found.append(settings.context * along / deviation(along, sigma)[:, None, None])
     if settings.noise:
-        mixing = spread_over_time(demonstrations, settings.shaped) * sigma[:, None]
-        found.append(noise_directions(settings.noise * mixing, settings.n_bases))
+        found.append(shaped_directions(settings, scale, demonstrations))
     return np.concatenate(found)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, get_args
 
+from sb3_nmp.bayesian.settings import ShapedExploration
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.settings import Presets, settings_name
 
@@ -14,56 +15,41 @@ Advantage = Literal["to_go", "step", "place"]
 
 @settings_name("acnmp-exploration")
 @dataclass(frozen=True)
-class ACNMPExploration(Presets):
+class ACNMPExploration(ShapedExploration):
     """Where ACNMP explores and how far, in units of ``exploration_scale``; a 0 switches a part off.
 
-    Presets: ``"push"`` for demonstrations that span what is to be found, ``"stream"`` for streams
-    of contexts.
+    Beside the noise of `ShapedExploration`, directions that the network gives. Presets: ``"push"``
+    for demonstrations that span what is to be found, ``"stream"`` for streams of contexts.
 
     >>> from sb3_nmp import ACNMPExploration
     >>> ACNMPExploration.preset("push").shaped
     0.99
 
+    :param noise: see `ShapedExploration`, as are n_bases, shaped and radius
     :param latent: along the principal axes of the demonstrations' representations: the root mean
         square over time along the first axis, the others in proportion to the demonstrations'
         spread along them
     :param n_latents: how many of these axes
     :param context: along the task parameters at which the CNMP is queried: the root mean square
         over time
-    :param noise: of smooth noise: the root mean square over time
-    :param n_bases: of the noise, per dimension
-    :param shaped: share of the noise's variance that varies over time and couples the dimensions
-        as the demonstrations do; the rest is alike everywhere. So less is explored where all
-        demonstrations agree, such as at a common start. Near 1 is best where the demonstrations
-        span what is to be found, less where they all lack it
-    :param radius: of the first generation, and without a critic of all, in standard deviations
     :raises ConfigurationError: a value outside its range, or nothing to explore
     """
 
     latent: float = 0.5
     n_latents: int = 3
     context: float = 0.0
-    noise: float = 1.0
-    n_bases: int = 4
-    shaped: float = 0.5
-    radius: float = 0.7
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "push": {"shaped": 0.99},
-        "stream": {"latent": 0.25, "n_bases": 6},
+        **ShapedExploration.presets,
+        "stream": {**ShapedExploration.presets["stream"], "latent": 0.25},
     }
 
     def __post_init__(self) -> None:
         """Check the values."""
-        for name in ("latent", "n_latents", "context", "noise"):
+        super().__post_init__()
+        for name in ("latent", "n_latents", "context"):
             if not getattr(self, name) >= 0:
                 raise ConfigurationError(f"{name} is {getattr(self, name)}; it must be >= 0.")
-        if not 0 <= self.shaped <= 1:
-            raise ConfigurationError(f"shaped is {self.shaped}; it must lie in [0, 1].")
-        if self.n_bases < 2:
-            raise ConfigurationError(f"n_bases is {self.n_bases}; at least 2 are needed.")
-        if not self.radius > 0:
-            raise ConfigurationError(f"radius is {self.radius}; it must be > 0.")
         if not (self.noise or self.context or (self.latent and self.n_latents)):
             raise ConfigurationError(
                 "nothing is explored: one of latent, context, noise must be > 0."

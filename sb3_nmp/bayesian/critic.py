@@ -51,24 +51,40 @@ class Critic:
     to_gain: float = 1.0
 
     @classmethod
-    def fit(cls, points: FloatArray, rollouts: Generation, hypotheses: Hypotheses) -> "Critic":
+    def fit(
+        cls,
+        points: FloatArray,
+        rollouts: Generation,
+        hypotheses: Hypotheses,
+        chosen: tuple[Hypotheses, ...] = (),
+    ) -> "Critic":
         """Fit the Gaussian processes.
 
         :param points: shape (N, n)
         :param rollouts: N of them
         :param hypotheses: for the evidence to choose from
+        :param chosen: what an earlier critic's processes chose, which saves the choice; without
+            effect where there are more or fewer of them now
         """
         costs = varying_costs(rollouts)
-        if len(costs) < 2:
-            scores = normal_scores(rollouts.rewards)
-            return cls(GaussianProcess.fit(points, scores, hypotheses))
-        alone, signed = two_sided(costs)
-        return cls(
-            None,
-            tuple(GaussianProcess.fit(points, -(cost**2), hypotheses) for cost in alone),
-            tuple(GaussianProcess.fit(points, error, hypotheses) for error in signed),
-            -float(rollouts.rewards.max()),
+        is_sum = len(costs) >= 2
+        alone, signed = two_sided(costs) if is_sum else ([], [])
+        squares = [-(cost**2) for cost in alone]
+        targets = [*squares, *signed] if is_sum else [normal_scores(rollouts.rewards)]
+        known = chosen if len(chosen) == len(targets) else [hypotheses] * len(targets)
+        fitted = tuple(
+            GaussianProcess.fit(points, *each) for each in zip(targets, known, strict=True)
         )
+        if not is_sum:
+            return cls(fitted[0])
+        n = len(squares)
+        return cls(None, fitted[:n], fitted[n:], -float(rollouts.rewards.max()))
+
+    @property
+    def chosen(self) -> tuple[Hypotheses, ...]:
+        """What the processes chose."""
+        whole = () if self.whole is None else (self.whole,)
+        return tuple(each.chosen for each in (*whole, *self.squares, *self.signed))
 
     def draw_upper_bounds(self, points: FloatArray, rng: np.random.Generator) -> FloatArray:
         """Return a random upper confidence bound of each point's reward, shape (M,).
@@ -95,15 +111,15 @@ class Critic:
             bound -= np.maximum(np.abs(mean) - luck, 0.0)
         return bound
 
-    def condition_on_mean(self, points: FloatArray) -> "Critic":
-        """Condition every process on its means at these points (Kriging believer).
+    def condition_on_mean(self, point: FloatArray) -> "Critic":
+        """Condition every process on its mean at this point (Kriging believer).
 
-        :param points: shape (M, n)
+        :param point: shape (n,)
         """
         return Critic(
-            None if self.whole is None else self.whole.condition_on_mean(points),
-            tuple(process.condition_on_mean(points) for process in self.squares),
-            tuple(process.condition_on_mean(points) for process in self.signed),
+            None if self.whole is None else self.whole.condition_on_mean(point),
+            tuple(process.condition_on_mean(point) for process in self.squares),
+            tuple(process.condition_on_mean(point) for process in self.signed),
             self.to_gain,
         )
 

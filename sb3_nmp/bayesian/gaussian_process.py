@@ -3,8 +3,7 @@
 Shape letters: N known points, M queries, n coordinates, d what the kernel sees of them.
 """
 
-from dataclasses import dataclass
-from itertools import product
+from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
@@ -14,15 +13,24 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 FloatArray = NDArray[np.float64]
 
 
-def kernel(one: FloatArray, other: FloatArray, length: float) -> FloatArray:
-    """Return the squared-exponential correlation at every pair of points, shape (N, M).
+def squared_distances(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Return the squared distance of every pair of points, shape (N, M).
 
     :param one: shape (N, d)
     :param other: shape (M, d)
-    :param length: in units of sqrt(2 d), the typical distance of two draws from N(0, I)
     """
     squares = np.sum(one**2, axis=1)[:, None] + np.sum(other**2, axis=1) - 2 * one @ other.T
-    return np.exp(-0.25 * np.maximum(squares, 0.0) / one.shape[1] / length**2)
+    return np.maximum(squares, 0.0)
+
+
+def kernel(squares: FloatArray, n_seen: int, length: float) -> FloatArray:
+    """Return the squared-exponential correlation of pairs of points, of the same shape.
+
+    :param squares: squared distances
+    :param n_seen: d
+    :param length: in units of sqrt(2 d), the typical distance of two draws from N(0, I)
+    """
+    return np.exp(squares * (-0.25 / n_seen / length**2))
 
 
 @dataclass(frozen=True)
@@ -63,8 +71,9 @@ class GaussianProcess:
     :param noise: its variance, as a share of the kernel's
     :param variance: of the kernel
     :param mean: of the values
-    :param factor: lower Cholesky factor of the correlation matrix, with noise, shape (N, N)
-    :param weights: its inverse times the values less their mean, shape (N,)
+    :param whitening: inverse of the lower Cholesky factor of the correlation matrix, with noise,
+        shape (N, N)
+    :param weights: inverse of the correlation matrix times the values less their mean, shape (N,)
     """
 
     points: FloatArray
@@ -73,7 +82,7 @@ class GaussianProcess:
     noise: float
     variance: float
     mean: float
-    factor: FloatArray
+    whitening: FloatArray
     weights: FloatArray
 
     @classmethod
@@ -86,42 +95,63 @@ class GaussianProcess:
         :param values: shape (N,)
         :param hypotheses: to choose from
         """
-        mean = float(values.mean())
+        mean, n = float(values.mean()), len(values)
         best: tuple[float, GaussianProcess] | None = None
         for view in hypotheses.views:
             seen = points @ view
-            for length, noise in product(hypotheses.lengths, hypotheses.noises):
-                correlation = kernel(seen, seen, length) + noise * np.eye(len(points))
-                factor, _ = cho_factor(correlation, lower=True)
-                weights = cho_solve((factor, True), values - mean)
-                variance = max(float((values - mean) @ weights) / len(values), 1e-9)
-                evidence = -0.5 * len(values) * np.log(variance) - np.log(np.diag(factor)).sum()
-                if best is None or evidence > best[0]:
-                    known = (variance, mean, np.tril(factor), weights)
-                    best = (evidence, cls(points, view, length, noise, *known))
-        return cast(tuple[float, GaussianProcess], best)[1]
+            squares = squared_distances(seen, seen)
+            for length in hypotheses.lengths:
+                correlation = kernel(squares, view.shape[1], length)
+                for noise in hypotheses.noises:
+                    noisy = correlation + noise * np.eye(n)
+                    factor, _ = cho_factor(noisy, lower=True, check_finite=False)
+                    weights = cho_solve((factor, True), values - mean, check_finite=False)
+                    variance = max(float((values - mean) @ weights) / n, 1e-9)
+                    evidence = -0.5 * n * np.log(variance) - np.log(np.diag(factor)).sum()
+                    if best is None or evidence > best[0]:
+                        known = (variance, mean, factor, weights)
+                        best = (evidence, cls(points, view, length, noise, *known))
+        chosen = cast(tuple[float, GaussianProcess], best)[1]
+        inverse = solve_triangular(chosen.whitening, np.eye(n), lower=True)
+        return replace(chosen, whitening=inverse)
+
+    @property
+    def chosen(self) -> Hypotheses:
+        """The view, length scale and noise that were chosen, for a process of more points."""
+        return Hypotheses((self.view,), (self.length,), (self.noise,))
+
+    def _correlation(self, points: FloatArray, others: FloatArray) -> FloatArray:
+        squares = squared_distances(points @ self.view, others @ self.view)
+        return kernel(squares, self.view.shape[1], self.length)
 
     def predict(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return means and standard deviations, each of shape (M,).
 
         :param points: shape (M, n)
         """
-        cross = kernel(points @ self.view, self.points @ self.view, self.length)
-        explained = np.sum(solve_triangular(self.factor, cross.T, lower=True) ** 2, axis=0)
+        cross = self._correlation(points, self.points)
+        explained = np.sum((cross @ self.whitening.T) ** 2, axis=1)
         spread = np.sqrt(self.variance * np.maximum(1.0 - explained, 1e-9))
         return self.mean + cross @ self.weights, spread
 
-    def condition_on_mean(self, points: FloatArray) -> "GaussianProcess":
-        """Condition on the predicted means at these points (Kriging believer).
+    def condition_on_mean(self, point: FloatArray) -> "GaussianProcess":
+        """Condition on the predicted mean at a point (Kriging believer).
 
-        With it, the next point of a generation goes elsewhere. Ginsbourger, Le Riche and Carraro,
-        "Kriging is well-suited to parallelize optimization", 2010.
+        The means stay, and what is unknown near the point shrinks: the next point of a generation
+        goes elsewhere. Ginsbourger, Le Riche and Carraro, "Kriging is well-suited to parallelize
+        optimization", 2010.
 
-        :param points: shape (M, n)
+        :param point: shape (n,)
         """
-        values = self.mean + self.factor @ (self.factor.T @ self.weights)
-        return GaussianProcess.fit(
-            np.concatenate([self.points, points]),
-            np.append(values, self.predict(points)[0]),
-            Hypotheses((self.view,), (self.length,), (self.noise,)),
+        row = self.whitening @ self._correlation(self.points, point[None])[:, 0]
+        last = np.sqrt(1.0 + self.noise - row @ row)
+        n = len(self.points)
+        whitening = np.zeros((n + 1, n + 1))
+        whitening[:n, :n] = self.whitening
+        whitening[n] = np.append(-row @ self.whitening, 1.0) / last
+        return replace(
+            self,
+            points=np.concatenate([self.points, point[None]]),
+            whitening=whitening,
+            weights=np.append(self.weights, 0.0),
         )

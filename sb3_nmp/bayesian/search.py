@@ -3,7 +3,7 @@
 Shape letters: N rollouts, n coordinates, T time points, D dimensions of the trajectory.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,9 @@ from sb3_nmp.bayesian.settings import ACNMPCritic
 from sb3_nmp.common.rollouts import Generation
 
 FloatArray = NDArray[np.float64]
+
+#: what the critic's processes look at is chosen anew when there are so many times the rollouts
+RECHOOSE = 1.1
 
 
 @dataclass(frozen=True)
@@ -115,6 +118,8 @@ class CriticSearch:
             self.settings.lengths,
             self.settings.noises,
         )
+        self._chosen: tuple[Hypotheses, ...] = ()
+        self._n_when_chosen = 0
 
     @property
     def rewards(self) -> FloatArray:
@@ -136,12 +141,24 @@ class CriticSearch:
 
     def _ask_critic(self, n: int, rng: np.random.Generator) -> FloatArray:
         """Return the coordinates of some proposals, one row each."""
-        critic = Critic.fit(self.points, Generation.concatenate(self.rollouts), self._hypotheses)
+        critic = self._fit_critic()
         points: list[FloatArray] = []
         for _ in range(n):
             points.append(self._maximise(critic, rng))
-            critic = critic.condition_on_mean(points[-1][None])
+            critic = critic.condition_on_mean(points[-1])
         return np.stack(points)
+
+    def _fit_critic(self) -> Critic:
+        """Fit a critic to the best and the newest rollouts."""
+        rollouts, n = Generation.concatenate(self.rollouts), len(self.points)
+        if not self.settings.terms:
+            rollouts = replace(rollouts, terms={})
+        if n >= RECHOOSE * self._n_when_chosen:
+            self._chosen, self._n_when_chosen = (), n
+        rows = best_and_newest(rollouts.rewards, self.settings.n_remembered)
+        critic = Critic.fit(self.points[rows], rollouts[rows], self._hypotheses, self._chosen)
+        self._chosen = critic.chosen
+        return critic
 
     def _maximise(self, critic: Critic, rng: np.random.Generator) -> FloatArray:
         """Return the best of many candidates around the best rollout, shape (n,)."""
@@ -171,6 +188,23 @@ class CriticSearch:
         self.rollouts.append(rollouts)
         if len(before) > 1:
             self.region.update(bool(rollouts.rewards.max() > before.max()))
+
+
+def best_and_newest(rewards: FloatArray, n: int) -> NDArray[np.intp]:
+    """Return the rows of the best rollouts and, for the other half, of the newest, in order.
+
+    >>> best_and_newest(np.array([5.0, 1.0, 9.0, 2.0, 3.0, 0.0]), 4).tolist()
+    [0, 2, 4, 5]
+
+    :param rewards: oldest first, shape (N,)
+    :param n: how many at most
+    """
+    rows = np.arange(len(rewards))
+    if len(rows) <= n:
+        return rows
+    best = np.argsort(-rewards, kind="stable")[: n - n // 2]
+    newest = np.setdiff1d(rows, best)[-(n // 2) :]
+    return np.sort(np.concatenate([best, newest]))
 
 
 def views(directions: FloatArray, n_moments: int) -> tuple[FloatArray, ...]:

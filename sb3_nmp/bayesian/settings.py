@@ -1,14 +1,59 @@
-"""`ACNMPCritic`: how a critic chooses the rollouts of a search."""
+"""The settings of a search: where it explores, and how a critic chooses its rollouts."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
-from sb3_nmp.common.settings import Rules, check_rules, settings_name
+from sb3_nmp.common.settings import Presets, Rules, check_rules, settings_name
+
+
+@settings_name("shaped-exploration")
+@dataclass(frozen=True)
+class ShapedExploration(Presets):
+    """Smooth noise that is shaped like the demonstrations, in units of ``exploration_scale``.
+
+    Presets: ``"push"`` for demonstrations that span what is to be found, ``"stream"`` for streams
+    of contexts.
+
+    >>> from sb3_nmp import ShapedExploration
+    >>> ShapedExploration.preset("push").shaped
+    0.99
+
+    :param noise: of smooth noise: the root mean square over time
+    :param n_bases: of the noise, per dimension
+    :param shaped: share of the noise's variance that varies over time and couples the dimensions
+        as the demonstrations do; the rest is alike everywhere. So less is explored where all
+        demonstrations agree, such as at a common start. Near 1 is best where the demonstrations
+        span what is to be found, less where they all lack it
+    :param radius: of the first generation, and without a critic of all, in standard deviations
+    :raises ConfigurationError: a value outside its range
+    """
+
+    noise: float = 1.0
+    n_bases: int = 4
+    shaped: float = 0.5
+    radius: float = 0.7
+
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "push": {"shaped": 0.99},
+        "stream": {"n_bases": 6},
+    }
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        rules: Rules = {
+            "noise": (self.noise >= 0, ">= 0"),
+            "n_bases": (self.n_bases >= 2, ">= 2"),
+            "shaped": (0 <= self.shaped <= 1, "in [0, 1]"),
+            "radius": (self.radius > 0, "> 0"),
+        }
+        check_rules(self, rules)
 
 
 @settings_name("acnmp-critic")
 @dataclass(frozen=True)
 class ACNMPCritic:
-    """How ACNMP's critic chooses the rollouts of a search.
+    """How the critic of ACNMP and of its twins chooses the rollouts of a search.
 
     The penalty, the moments and the noises were chosen by measurement on tuning contexts
     (``results/experiments/acnmp.md``), the other values by hand on the same contexts.
@@ -29,6 +74,10 @@ class ACNMPCritic:
     :param noises: variances of the noise to choose from by evidence, as shares of the kernel's:
         nearly equal trajectories can fare differently, as where grains fall by chance
     :param n_moments: moments of the trajectory at which a Gaussian process may look alone
+    :param terms: predict the reward's terms (``info["reward_<term>"]``) one by one where they are
+        costs that add up to it; False: the critic sees their sum alone
+    :param n_remembered: rollouts to which it is fitted at most: half of them the best, the others
+        the newest
     :param n_candidates: drawn around the best rollout for each trajectory to try
     :param candidate_scales: of their distances, in units of the radius
     :param n_refined: best candidates that are refined
@@ -45,6 +94,8 @@ class ACNMPCritic:
     lengths: tuple[float, ...] = (0.4, 0.6, 0.9, 1.3, 2.0, 3.0, 5.0, 8.0)
     noises: tuple[float, ...] = (1e-4, 1e-2, 1e-1)
     n_moments: int = 9
+    terms: bool = True
+    n_remembered: int = 150
     n_candidates: int = 1500
     candidate_scales: tuple[float, ...] = (0.3, 0.6, 1.0, 1.5)
     n_refined: int = 20
@@ -62,6 +113,7 @@ class ACNMPCritic:
             "shrinkage": (0 < self.shrinkage <= 1, "in (0, 1]"),
             "lengths": (min(self.lengths, default=0) > 0, "at least one value, all > 0"),
             "noises": (min(self.noises, default=0) > 0, "at least one value, all > 0"),
+            "n_remembered": (self.n_remembered >= 2, ">= 2"),
             "n_candidates": (self.n_candidates >= self.n_refined >= 1, ">= n_refined >= 1"),
         }
         check_rules(self, rules)

@@ -5,10 +5,26 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from sb3_nmp.bayesian.settings import ShapedExploration
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.noise import SmoothNoise
 
 FloatArray = NDArray[np.float64]
+
+
+def shaped_directions(
+    settings: ShapedExploration, scale: tuple[float, ...], demonstrations: Demonstrations
+) -> FloatArray:
+    """Return one direction for each basis and dimension, shape (n_bases * D, T, D).
+
+    Each is of one standard deviation of the exploration.
+
+    :param settings: of the noise
+    :param scale: of exploration, in the trajectory's unit, length D
+    :param demonstrations: their spread shapes the noise
+    """
+    mixing = spread_over_time(demonstrations, settings.shaped) * np.asarray(scale)
+    return noise_directions(settings.noise * mixing, settings.n_bases)
 
 
 def spread_over_time(demonstrations: Demonstrations, share: float) -> FloatArray:

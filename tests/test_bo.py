@@ -1,0 +1,177 @@
+"""BO, ACNMP's twin: what it answers, where its search begins, what it learns, and bad input."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from baselines import BO, BOPolicy
+from baselines.regression import NEWEST, fit
+from sb3_nmp import (
+    ACNMP,
+    ACNMPCritic,
+    ACNMPExploration,
+    ConfigurationError,
+    Demonstrations,
+    ShapedExploration,
+)
+from sb3_nmp.bayesian.shaped_noise import noise_directions, spread_over_time
+from tests.test_acnmp import SHOWN, Reach, expert
+
+EVERY = pytest.mark.parametrize("regression", ["nearest", "ridge", "quadratic", "gaussian-process"])
+DEMONSTRATIONS = Demonstrations(SHOWN, expert(SHOWN))
+
+
+def build(env: Any, regression: str = "quadratic", **more: Any) -> BO:
+    settings: dict[str, Any] = {"demonstrations": DEMONSTRATIONS, "seed": 0, **more}
+    return BO("MlpPolicy", env, policy_kwargs={"regression": regression}, **settings)
+
+
+# -- the regressions -------------------------------------------------------------------------------
+
+
+def test_each_regression_answers_what_it_can_express() -> None:
+    rng = np.random.default_rng(0)
+    known, asked = rng.uniform(-1, 1, (400, 2)), rng.uniform(-1, 1, (50, 2))
+
+    def linear(x: np.ndarray) -> np.ndarray:
+        return np.stack([x[:, 0] + 2, x[:, 0] - 3 * x[:, 1]], axis=1)
+
+    def curved(x: np.ndarray) -> np.ndarray:
+        return linear(x) + np.stack([x[:, 0] * x[:, 1], x[:, 1] ** 2], axis=1)
+
+    def wavy(x: np.ndarray) -> np.ndarray:
+        return np.sin(4 * x)
+
+    def error(regression: Any, function: Any) -> float:
+        answer = fit(regression, known, function(known))(asked)
+        return float(np.abs(answer - function(asked)).max())
+
+    assert error("ridge", linear) < 0.02
+    assert error("quadratic", curved) < 0.02 < 0.1 < error("ridge", curved)
+    assert error("gaussian-process", wavy) < 0.02 < 0.1 < error("quadratic", wavy)
+    nearest = (((asked[:, None] - known) / known.std(axis=0)) ** 2).sum(axis=2).argmin(axis=1)
+    assert_array_equal(fit("nearest", known, curved(known))(asked), curved(known)[nearest])
+
+
+def test_a_gaussian_process_sees_the_newest_alone() -> None:
+    """So its cost is bounded in a stream."""
+    known = np.linspace(0, 1, NEWEST + 50)[:, None]
+    forgotten = np.where(np.arange(len(known))[:, None] < 50, 99.0, known)
+    fitted = [fit("gaussian-process", known, each)(known[50:]) for each in (forgotten, known)]
+    assert_array_equal(fitted[0], fitted[1])
+
+
+@EVERY
+def test_contexts_units_do_not_matter(regression: Any) -> None:
+    rng = np.random.default_rng(0)
+    known, values, asked = rng.random((9, 2)), rng.random((9, 3)), rng.random((4, 2))
+    unit = np.array([1.0, 1000.0])
+    scaled = fit(regression, known * unit, values)(asked * unit)
+    assert_allclose(
+        scaled, fit(regression, known / known.std(axis=0), values)(asked / known.std(0))
+    )
+
+
+@EVERY
+def test_one_demonstration_is_the_answer_everywhere(regression: Any) -> None:
+    answer = fit(regression, np.array([[1.0, 2.0]]), np.array([[3.0, 4.0]]))
+    assert_allclose(answer(np.array([[1.0, 2.0], [5.0, -9.0]])), [[3.0, 4.0]] * 2, atol=1e-12)
+
+
+# -- the algorithm ---------------------------------------------------------------------------------
+
+
+@EVERY
+def test_a_context_is_answered_by_the_regression_on_the_demonstrations(regression: Any) -> None:
+    model = build(Reach(0.3), regression)
+    asked = np.array([[0.3], [2.0]], np.float32)
+    flat = DEMONSTRATIONS.trajectories.reshape(len(DEMONSTRATIONS), -1)
+    expected = fit(regression, DEMONSTRATIONS.contexts, flat)(asked.astype(np.float64))
+    answered = model.predict(asked, deterministic=True)[0]
+    assert_allclose(answered.reshape(2, -1), expected, rtol=1e-6)
+
+
+def test_the_search_begins_at_the_answer_and_explores_acnmps_noise() -> None:
+    noise = ShapedExploration(noise=0.7, n_bases=5, shaped=0.9, radius=0.4)
+    model = build(Reach(2.0), exploration=noise, critic=ACNMPCritic(pull=0.1))
+    first = model.predict(np.array([2.0], np.float32), deterministic=True)[0]
+    tried: list[np.ndarray] = []
+    model.learn(3, callback=lambda now, _: tried.append(now["actions"][0]) or True)
+    assert_allclose(tried[0], first, rtol=1e-5)
+    assert min(np.abs(each - first).max() for each in tried[1:]) > 0.01
+    search: Any = model.searches[0].search
+    mixing = spread_over_time(DEMONSTRATIONS, 0.9) * 0.3
+    assert_allclose(search.space.directions, noise_directions(0.7 * mixing, 5))
+    assert (search.radius, search.settings) == (0.4, ACNMPCritic(pull=0.1))
+    acnmp = ACNMPExploration(latent=0.0, noise=0.7, n_bases=5, shaped=0.9, radius=0.4)
+    twin: Any = ACNMP(
+        "MlpPolicy", Reach(2.0), demonstrations=DEMONSTRATIONS, exploration=acnmp
+    )._new_search(np.array([2.0], np.float32))
+    assert_array_equal(twin.space.directions, search.space.directions)
+
+
+@EVERY
+def test_what_was_solved_joins_what_is_regressed_on(regression: Any) -> None:
+    model = build(Reach(2.0), regression)
+    before = model.policy.known.answer(np.array([[1.9]]))[0]
+    model.learn(60)
+    assert model.searches[0].solution is not None
+    assert len(model.policy.known.trajectories) == len(DEMONSTRATIONS) + 1
+    assert_array_equal(model.policy.known.trajectories[-1].numpy(), model.searches[0].solution)
+    after = model.policy.known.answer(np.array([[1.9]]))[0]
+    assert abs(after[-1, 0] - 1.9) < abs(before[-1, 0] - 1.9)
+
+
+def test_a_stream_is_answered_better_and_better() -> None:
+    env = Reach(low=1.0, high=3.0)
+    model = build(env, "nearest", n_contexts=2)
+    contexts = np.linspace(1.0, 3.0, 30, dtype=np.float32)[:, None]
+
+    def miss() -> float:
+        answered = model.policy.known.answer(contexts)
+        return float(np.abs(answered[:, -1, 0] - contexts[:, 0]).mean())
+
+    untaught = miss()
+    model.learn(300)
+    assert len(model.replay_buffer) > 5
+    assert miss() < 0.2 * untaught
+
+
+@EVERY
+def test_a_loaded_model_answers_the_same_and_goes_on(regression: Any, tmp_path: Path) -> None:
+    """The contract tests resume a run; this one asks for contexts that no rollout was made in."""
+    model = build(Reach(2.0), regression).learn(60)
+    asked = np.linspace(-1, 2, 9)[:, None]
+    model.save(tmp_path / "model")
+    loaded = BO.load(tmp_path / "model")
+    assert_array_equal(loaded.policy.known.answer(asked), model.policy.known.answer(asked))
+    other = build(Reach(2.0), regression)
+    other.policy.known.answer(asked)  # fitted to the demonstrations alone
+    other.policy.load_state_dict(model.policy.state_dict())
+    assert_array_equal(other.policy.known.answer(asked), model.policy.known.answer(asked))
+    with pytest.raises(ConfigurationError, match=r"does not hold its demonstrations; .* BO\.load"):
+        BO.load(tmp_path / "model", env=Reach(2.0)).learn(3)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"policy_kwargs": {"regression": "cubic"}}, r"no regression 'cubic'; there are nearest, "),
+        ({"demonstrations": None}, "BO learns from demonstrations first"),
+        ({"exploration": ShapedExploration(noise=0.0)}, "a ShapedExploration with noise > 0"),
+        ({"exploration": ACNMPExploration()}, "exploration is ACNMPExploration.*without a network"),
+    ],
+)
+def test_wrong_settings_are_refused(settings: dict[str, Any], message: str) -> None:
+    known: dict[str, Any] = {"demonstrations": DEMONSTRATIONS, **settings}
+    with pytest.raises(ConfigurationError, match=message):
+        BO("MlpPolicy", Reach(0.0), **known)
+
+
+def test_a_policy_that_knows_nothing_says_so() -> None:
+    env: Any = Reach(0.0)
+    with pytest.raises(ConfigurationError, match=r"knows no trajectory; call policy\.known\.learn"):
+        BOPolicy(env.observation_space, env.action_space).predict(np.zeros(1, np.float32))
