@@ -9,6 +9,7 @@ from sb3_nmp.common.exceptions import (
     FileFormatError,
     InvalidDataError,
     UnknownArgumentError,
+    ViaPointWarning,
 )
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.pd_controller import PDController
@@ -46,4 +47,5 @@ __all__ = [
     "SmoothNoise",
     "TrajectoryAlgorithm",
     "UnknownArgumentError",
+    "ViaPointWarning",
 ]

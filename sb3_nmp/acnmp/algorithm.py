@@ -4,7 +4,6 @@ from typing import Any, ClassVar, Literal, Self, Unpack, cast, get_args
 
 import numpy as np
 import torch as th
-from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
@@ -139,18 +138,19 @@ class ACNMP(AdaptiveAlgorithm):
         :param state: unused
         :param episode_start: unused
         :param deterministic: the greedy trajectory instead of a sample
-        :param via_points: conditioning points that the trajectory is to pass: times in [0, 1],
-            shape (O,), and values in the trajectory's unit, shape (O, D)
+        :param via_points: that the trajectory passes: times in [0, 1], shape (O,), and values in
+            the trajectory's unit, shape (O, D). A `ViaPointWarning` tells of those that the action
+            space keeps it from
         :return: shape (T, D), or (N, T, D); and ``state``
-        :raises InvalidDataError: via-points of a wrong shape, or times outside [0, 1]
+        :raises InvalidDataError: via-points of a wrong shape, at times outside [0, 1], outside the
+            action space, or that contradict each other
         """
         if via_points is None:
             return super().predict(observation, state, episode_start, deterministic)
         contexts, vectorized = self.policy.obs_to_tensor(observation)
-        space = cast(spaces.Box, self.action_space)
         with th.no_grad():
             passing = self.policy.through(cast(th.Tensor, contexts), via_points, deterministic)
-        trajectories = np.clip(passing.cpu().numpy(), space.low, space.high)
+        trajectories = passing.cpu().numpy()
         return (trajectories if vectorized else trajectories[0]), state
 
     # -- the search (VI) -----------------------------------------------------------------------

@@ -1,15 +1,18 @@
 """ACNMP's policy: the CNMP, and the best trajectories seen."""
 
-from typing import Any
+import warnings
+from typing import Any, cast
 
 import torch as th
 from gymnasium import spaces
 from numpy.typing import ArrayLike
 from stable_baselines3.common.type_aliases import Schedule
 
+from sb3_nmp.common.exceptions import ViaPointWarning
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.policies import ElitePolicy
 from sb3_nmp.models.cnmp import CNMP, CNMPArchitecture
+from sb3_nmp.models.via_points import TOLERANCE, check_inside
 
 SAMPLE_NOISE = SmoothNoise()
 
@@ -61,16 +64,43 @@ class ACNMPPolicy(ElitePolicy):
     def through(
         self, contexts: th.Tensor, points: tuple[ArrayLike, ArrayLike], deterministic: bool
     ) -> th.Tensor:
-        """Return trajectories that are to pass via-points, shape (N, T, D).
+        """Return trajectories in the action space that pass via-points, shape (N, T, D).
+
+        The network's answer to points and contexts is moved to the points in the demonstrations'
+        ways (`sb3_nmp.models.via_points`). A `ViaPointWarning` tells what the action space forbids.
 
         :param contexts: shape (N, C)
         :param points: times in [0, 1], shape (O,), and values, shape (O, D)
         :param deterministic: the mean
-        :raises InvalidDataError: points of a wrong shape, or times outside [0, 1]
+        :raises InvalidDataError: points of a wrong shape, at times outside [0, 1], outside the
+            action space, or that contradict each other
         """
+        space = cast(spaces.Box, self.action_space)
+        passing = self.cnmp.through(points)
+        check_inside(passing.points, space.low, space.high)
         condition = self.cnmp.condition(contexts)
-        checked = self.cnmp.checked_points(points)
-        return self._decode(condition, self.cnmp.representation(condition, checked), deterministic)
+        representation = self.cnmp.representation(condition, passing.points)
+        moved = passing.moved(self._decode(condition, representation, deterministic))
+        low, high = (moved.new_tensor(bound) for bound in (space.low, space.high))
+        allowed = moved.clamp(low, high)
+        self._warn_of_misses(passing.misses(allowed))
+        return allowed
+
+    def _warn_of_misses(self, misses: th.Tensor) -> None:
+        """Warn of points that are missed by more than the tolerance; shape (N, O, D)."""
+        lacking = misses.abs().amax(dim=0)
+        shares = lacking / self.cnmp.value_range
+        point, dimension = divmod(int(shares.argmax()), shares.shape[1])
+        if shares[point, dimension] > TOLERANCE:
+            n_missed = int((shares > TOLERANCE).any(dim=1).sum())
+            warnings.warn(
+                f"via-point {point} is missed by {lacking[point, dimension]:.3g} in dimension "
+                f"{dimension}, {shares[point, dimension]:.0%} of the demonstrated range: the "
+                f"action space allows no more ({n_missed} of {len(shares)} points are missed by "
+                f"more than {TOLERANCE:.0%}).",
+                ViaPointWarning,
+                stacklevel=4,
+            )
 
     def _decode(
         self, condition: th.Tensor, representation: th.Tensor, deterministic: bool

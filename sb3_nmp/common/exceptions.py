@@ -15,3 +15,7 @@ class InvalidDataError(ValueError):
 
 class FileFormatError(ValueError):
     """A file is not one that this library wrote."""
+
+
+class ViaPointWarning(UserWarning):
+    """A trajectory misses a via-point, since the action space allows no more."""

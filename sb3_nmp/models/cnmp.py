@@ -15,9 +15,16 @@ from torch import nn
 from torch.distributions import Normal
 
 from sb3_nmp.common.demonstrations import Demonstrations
-from sb3_nmp.common.exceptions import InvalidDataError
 from sb3_nmp.common.settings import Presets, settings_name
 from sb3_nmp.models.networks import LinearPlus, TimeFeatures, TrajectoryDecoder, mlp
+from sb3_nmp.models.via_points import (
+    N_SHAPES,
+    Conditioning,
+    Points,
+    Prior,
+    checked,
+    principal_deviations,
+)
 
 
 @settings_name("cnmp-architecture")
@@ -145,6 +152,8 @@ class CNMP(nn.Module):
     context_std: th.Tensor
     value_mean: th.Tensor
     value_std: th.Tensor
+    value_range: th.Tensor
+    deviations: th.Tensor
 
     def __init__(
         self,
@@ -161,9 +170,11 @@ class CNMP(nn.Module):
         self.register_buffer("context_std", th.ones(context_dim))
         self.register_buffer("value_mean", th.zeros(n_dimensions))
         self.register_buffer("value_std", th.ones(n_dimensions))
+        self.register_buffer("value_range", th.ones(n_dimensions))
+        self.register_buffer("deviations", th.zeros(N_SHAPES, n_time_points, n_dimensions))
 
     def set_scale(self, demonstrations: Demonstrations) -> None:
-        """Take mean and standard deviation of contexts and values from demonstrations.
+        """Take mean and spread of contexts and values from demonstrations.
 
         :param demonstrations: those that the network will be trained on
         """
@@ -176,6 +187,10 @@ class CNMP(nn.Module):
             for part, value in (("mean", mean), ("std", std)):
                 buffer = getattr(self, f"{name}_{part}")
                 buffer.copy_(th.as_tensor(value, dtype=th.float32))
+        spread = np.ptp(demonstrations.trajectories, axis=(0, 1))
+        self.value_range.copy_(th.as_tensor(np.where(spread < 1e-6, 1.0, spread)))
+        found = principal_deviations(demonstrations.trajectories)
+        self.deviations.copy_(th.as_tensor(found))
 
     def condition(self, contexts: th.Tensor) -> th.Tensor:
         """Return contexts as the network sees them, shape (B, C).
@@ -191,22 +206,18 @@ class CNMP(nn.Module):
         """
         return (values - self.value_mean) / self.value_std
 
-    def representation(
-        self, condition: th.Tensor, points: tuple[th.Tensor, th.Tensor] | None = None
-    ) -> th.Tensor:
+    def representation(self, condition: th.Tensor, points: Points | None = None) -> th.Tensor:
         """Return the representation of conditioning points, or of contexts alone, shape (B, Z).
 
         :param condition: shape (B, C), as `condition` returns it
-        :param points: times in [0, 1], shape (O,), and values in the trajectory's unit, shape
-            (O, D); None: no points
+        :param points: conditioning points; None: no points
         """
         if points is None:
             return self.network.from_condition(condition)
-        times, values = points
-        shape = (len(condition), len(times))
+        shape = (len(condition), len(points.times))
         return self.network.encode(
-            times.expand(shape),
-            self.normalise(values).expand(*shape, -1),
+            points.times.expand(shape),
+            self.normalise(points.values).expand(*shape, -1),
             condition,
             th.ones(shape, device=condition.device),
         )
@@ -241,32 +252,26 @@ class CNMP(nn.Module):
         """Return the mean trajectory for each context, shape (N, T, D).
 
         :param contexts: shape (N, C)
-        :param points: via-points that all trajectories should pass: times in [0, 1], shape (O,),
-            and values in the trajectory's unit, shape (O, D)
-        :raises InvalidDataError: points of a wrong shape, or times outside [0, 1]
+        :param points: via-points that all trajectories pass: times in [0, 1], shape (O,), and
+            values in the trajectory's unit, shape (O, D)
+        :raises InvalidDataError: points of a wrong shape, times outside [0, 1], or points that
+            contradict each other
         """
-        checked = None if points is None else self.checked_points(points)
         condition = self.condition(self.times.new_tensor(np.asarray(contexts)))
-        decoded = self.mean(condition, self.representation(condition, checked))
+        if points is None:
+            decoded = self.mean(condition, self.representation(condition))
+        else:
+            passing = self.through(points)
+            representation = self.representation(condition, passing.points)
+            decoded = passing.moved(self.mean(condition, representation))
         return decoded.cpu().numpy().astype(np.float64)
 
-    def checked_points(self, points: tuple[ArrayLike, ArrayLike]) -> tuple[th.Tensor, th.Tensor]:
-        """Return via-points as tensors.
+    def through(self, points: tuple[ArrayLike, ArrayLike]) -> Conditioning:
+        """Return how trajectories are moved to pass via-points, and the points, checked.
 
-        :param points: times in [0, 1], shape (O,), and values, shape (O, D)
-        :raises InvalidDataError: a wrong shape, a time outside [0, 1], or a non-finite value
+        :param points: times in [0, 1], shape (O,), and values in the trajectory's unit, (O, D)
+        :raises InvalidDataError: a wrong shape, a time outside [0, 1], a non-finite value, or
+            points that contradict each other
         """
-        times, values = (np.asarray(part, np.float32) for part in points)
-        expected = (*times.shape, self.value_mean.shape[0])
-        if times.ndim != 1 or len(times) == 0 or values.shape != expected:
-            raise InvalidDataError(
-                f"via-points have times of shape {times.shape} and values of shape {values.shape}; "
-                f"they need (O,) and (O, D) with O >= 1 and D = {expected[-1]}."
-            )
-        if not (np.isfinite(values).all() and (times >= 0).all() and (times <= 1).all()):
-            raise InvalidDataError(
-                f"via-points at times {times.tolist()}: times must lie in [0, 1], scaled by the "
-                "trajectory's duration, and values must be finite."
-            )
-        device = self.times.device
-        return th.as_tensor(times, device=device), th.as_tensor(values, device=device)
+        prior = Prior(self.deviations, self.value_std)
+        return prior.given(checked(points, len(self.times), self.value_range))
