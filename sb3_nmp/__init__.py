@@ -1,11 +1,13 @@
 """Robot skill learning by neural movement primitives, as Stable-Baselines3 algorithms."""
 
 from sb3_nmp.acnmp import ACNMP, ACNMPAdaptation, ACNMPCritic, ACNMPExploration, ACNMPPolicy
+from sb3_nmp.acnmp.distribution import TrajectoryDistribution
 from sb3_nmp.common.algorithm import TrajectoryAlgorithm
 from sb3_nmp.common.contextual import ContextualExploration
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import (
     ConfigurationError,
+    ContextWarning,
     FileFormatError,
     InvalidDataError,
     UnknownArgumentError,
@@ -34,6 +36,7 @@ __all__ = [
     "CNMPArchitecture",
     "CNMPPretraining",
     "ConfigurationError",
+    "ContextWarning",
     "ContextualExploration",
     "Demonstrations",
     "FileFormatError",
@@ -46,6 +49,7 @@ __all__ = [
     "RCNMPTraining",
     "SmoothNoise",
     "TrajectoryAlgorithm",
+    "TrajectoryDistribution",
     "UnknownArgumentError",
     "ViaPointWarning",
 ]

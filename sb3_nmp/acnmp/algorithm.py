@@ -9,6 +9,7 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 from stable_baselines3.common.utils import update_learning_rate
 
+from sb3_nmp.acnmp.distribution import TrajectoryDistribution
 from sb3_nmp.acnmp.exploration import directions
 from sb3_nmp.acnmp.losses import advantages, policy_gradient_loss
 from sb3_nmp.acnmp.policy import ACNMPPolicy
@@ -147,11 +148,36 @@ class ACNMP(AdaptiveAlgorithm):
         """
         if via_points is None:
             return super().predict(observation, state, episode_start, deterministic)
+        self.policy.warn_of_contexts(observation)
         contexts, vectorized = self.policy.obs_to_tensor(observation)
         with th.no_grad():
             passing = self.policy.through(cast(th.Tensor, contexts), via_points, deterministic)
         trajectories = passing.cpu().numpy()
         return (trajectories if vectorized else trajectories[0]), state
+
+    def predict_distribution(
+        self,
+        context: NDArray[Any],
+        via_points: tuple[ArrayLike, ArrayLike] | None = None,
+    ) -> TrajectoryDistribution:
+        """Return what the network expects in a context, and how sure it is.
+
+        The aleatoric spread is the network's own Gaussian (Eq. 4.1), the epistemic one that of the
+        members' means (`CNMPArchitecture`'s ``n_members``; Lakshminarayanan et al., "Simple and
+        scalable predictive uncertainty estimation using deep ensembles", 2017). Both are near 0 at
+        via-points. Trajectories that were found by rollouts, with which `predict` answers in their
+        contexts, are left aside.
+
+        :param context: of shape (C,), or (N, C)
+        :param via_points: as in `predict`
+        :return: arrays of shape (T, D), or (N, T, D), in the trajectory's unit
+        :raises InvalidDataError: as `predict` does
+        """
+        self.policy.warn_of_contexts(context)
+        contexts, vectorized = self.policy.obs_to_tensor(context)
+        with th.no_grad():
+            found = self.policy.distribution(cast(th.Tensor, contexts), via_points)
+        return found if vectorized else found.first()
 
     # -- the search (VI) -----------------------------------------------------------------------
 

@@ -3,16 +3,18 @@
 import warnings
 from typing import Any, cast
 
+import numpy as np
 import torch as th
 from gymnasium import spaces
 from numpy.typing import ArrayLike
 from stable_baselines3.common.type_aliases import Schedule
 
+from sb3_nmp.acnmp.distribution import TrajectoryDistribution
 from sb3_nmp.common.exceptions import ViaPointWarning
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.policies import ElitePolicy
 from sb3_nmp.models.cnmp import CNMP, CNMPArchitecture
-from sb3_nmp.models.via_points import TOLERANCE, check_inside
+from sb3_nmp.models.via_points import TOLERANCE, Conditioning, check_inside
 
 SAMPLE_NOISE = SmoothNoise()
 
@@ -75,16 +77,50 @@ class ACNMPPolicy(ElitePolicy):
         :raises InvalidDataError: points of a wrong shape, at times outside [0, 1], outside the
             action space, or that contradict each other
         """
-        space = cast(spaces.Box, self.action_space)
-        passing = self.cnmp.through(points)
-        check_inside(passing.points, space.low, space.high)
+        passing = self._checked(points)
         condition = self.cnmp.condition(contexts)
         representation = self.cnmp.representation(condition, passing.points)
-        moved = passing.moved(self._decode(condition, representation, deterministic))
-        low, high = (moved.new_tensor(bound) for bound in (space.low, space.high))
-        allowed = moved.clamp(low, high)
+        allowed = self._allowed(
+            passing.moved(self._decode(condition, representation, deterministic))
+        )
         self._warn_of_misses(passing.misses(allowed))
         return allowed
+
+    def distribution(
+        self, contexts: th.Tensor, points: tuple[ArrayLike, ArrayLike] | None
+    ) -> TrajectoryDistribution:
+        """Return what the network expects, N rows; see `ACNMP.predict_distribution`.
+
+        :param contexts: shape (N, C)
+        :param points: via-points, as in `through`
+        :raises InvalidDataError: as `through` does
+        """
+        cnmp = self.cnmp
+        condition = cnmp.condition(contexts)
+        passing = None if points is None else self._checked(points)
+        shown = None if passing is None else passing.points
+        representation = cnmp.representation(condition, shown)
+        split = cnmp.network.split(representation)
+        members = cnmp.network.decode_members(cnmp.times, split, condition)
+        means = (members.mean * cnmp.value_std + cnmp.value_mean).view(-1, *members.mean.shape[-3:])
+        std = cnmp.network.decode(cnmp.times, representation, condition).stddev * cnmp.value_std
+        if passing is not None:
+            means, std = passing.moved(means), std * passing.remaining
+        mean = self._allowed(means.mean(dim=0))
+        if passing is not None:
+            self._warn_of_misses(passing.misses(mean))
+        found = (part.cpu().numpy().astype(np.float64) for part in (mean, std, means))
+        return TrajectoryDistribution(*found)
+
+    def _checked(self, points: tuple[ArrayLike, ArrayLike]) -> Conditioning:
+        space, passing = cast(spaces.Box, self.action_space), self.cnmp.through(points)
+        check_inside(passing.points, space.low, space.high)
+        return passing
+
+    def _allowed(self, trajectories: th.Tensor) -> th.Tensor:
+        space = cast(spaces.Box, self.action_space)
+        low, high = (trajectories.new_tensor(bound) for bound in (space.low, space.high))
+        return trajectories.clamp(low, high)
 
     def _warn_of_misses(self, misses: th.Tensor) -> None:
         """Warn of points that are missed by more than the tolerance; shape (N, O, D)."""

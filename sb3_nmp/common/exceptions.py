@@ -19,3 +19,7 @@ class FileFormatError(ValueError):
 
 class ViaPointWarning(UserWarning):
     """A trajectory misses a via-point, since the action space allows no more."""
+
+
+class ContextWarning(UserWarning):
+    """A context lies outside the observation space, so that the answer is an extrapolation."""

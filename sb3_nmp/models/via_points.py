@@ -5,8 +5,8 @@ The deviation ``e(t)`` of a trajectory from the network's answer has a Gaussian 
     cov(e_d(t), e_d'(t')) = sum_r F_rd(t) F_rd'(t') + [d = d'] s_d^2 sum_l a_l k(|t - t'| / l),
 
 with ``F`` the demonstrations' principal deviations from their mean, so that the first part is their
-own covariance, ``s`` the values' standard deviations, and ``k`` Matern's kernel 3/2 at some lengths
-``l`` with small shares ``a_l``. Given the points ``y`` at the times that ``H`` interpolates,
+own covariance, ``s`` their standard deviations over all times, and ``k`` Matern's kernel 3/2 at
+some lengths ``l`` with small shares ``a_l``. Given points ``y`` at times that ``H`` interpolates,
 
     x + K H' (H K H' + n^2 I)^-1 (y - H x)
 
@@ -19,6 +19,7 @@ Shape letters: T time points, D dimensions, O points, R principal deviations, N 
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import torch as th
@@ -33,7 +34,9 @@ N_SHAPES = 32
 #: lengths of the smooth part, in units of the duration, and the shares of their variances; short
 #: ones keep two points close in time from throwing the rest far off
 SMOOTH = ((0.2, 1e-2), (0.05, 2.5e-3), (0.0125, 6e-4))
-#: accuracy at the points, in standard deviations of the values
+#: of the values' standard deviation: a dimension in which demonstrations agree varies by so much
+LEAST_SPREAD = 0.01
+#: accuracy at the points, in units of s
 ACCURACY = 1e-4
 #: of a dimension's demonstrated range: points are met to this
 TOLERANCE = 0.01
@@ -94,7 +97,7 @@ def _check_agreement(
     times: NDArray[np.float32],
     values: NDArray[np.float32],
     n_time_points: int,
-    tolerance: NDArray[np.float32],
+    tolerance: FloatArray,
 ) -> None:
     step = 1.0 / (n_time_points - 1)
     order = np.argsort(times, kind="stable")
@@ -108,7 +111,7 @@ def _check_agreement(
             )
 
 
-def check_inside(points: Points, low: NDArray[np.floating], high: NDArray[np.floating]) -> None:
+def check_inside(points: Points, low: NDArray[Any], high: NDArray[Any]) -> None:
     """Refuse points that the action space does not allow at any neighbouring time step.
 
     :param points: to check
@@ -155,6 +158,16 @@ class Prior:
 
     shapes: th.Tensor
     scale: th.Tensor
+
+    @classmethod
+    def like(cls, shapes: th.Tensor, value_std: th.Tensor) -> "Prior":
+        """Return the prior of deviations like the demonstrations'.
+
+        :param shapes: F, shape (R, T, D)
+        :param value_std: of the demonstrations' values over all times, shape (D,)
+        """
+        typical = shapes.square().sum(dim=0).mean(dim=0).sqrt()
+        return cls(shapes, th.maximum(typical, LEAST_SPREAD * value_std))
 
     def covariance(self, left: th.Tensor, right: th.Tensor) -> th.Tensor:
         """Return that of the deviations interpolated by two matrices, shape (L * D, M * D).
