@@ -1,15 +1,18 @@
 """Robot skill learning by neural movement primitives, as Stable-Baselines3 algorithms."""
 
 from sb3_nmp.acnmp import ACNMP, ACNMPAdaptation, ACNMPCritic, ACNMPExploration, ACNMPPolicy
+from sb3_nmp.acnmp.distribution import TrajectoryDistribution
 from sb3_nmp.bayesian.settings import ShapedExploration
 from sb3_nmp.common.algorithm import TrajectoryAlgorithm
 from sb3_nmp.common.contextual import ContextualExploration
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import (
     ConfigurationError,
+    ContextWarning,
     FileFormatError,
     InvalidDataError,
     UnknownArgumentError,
+    ViaPointWarning,
 )
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.pd_controller import PDController
@@ -34,6 +37,7 @@ __all__ = [
     "CNMPArchitecture",
     "CNMPPretraining",
     "ConfigurationError",
+    "ContextWarning",
     "ContextualExploration",
     "Demonstrations",
     "FileFormatError",
@@ -47,5 +51,7 @@ __all__ = [
     "ShapedExploration",
     "SmoothNoise",
     "TrajectoryAlgorithm",
+    "TrajectoryDistribution",
     "UnknownArgumentError",
+    "ViaPointWarning",
 ]

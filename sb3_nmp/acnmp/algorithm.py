@@ -4,12 +4,12 @@ from typing import Any, ClassVar, Literal, Self, Unpack, cast, get_args
 
 import numpy as np
 import torch as th
-from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 from stable_baselines3.common.utils import update_learning_rate
 
+from sb3_nmp.acnmp.distribution import TrajectoryDistribution
 from sb3_nmp.acnmp.exploration import directions
 from sb3_nmp.acnmp.losses import advantages, policy_gradient_loss
 from sb3_nmp.acnmp.policy import ACNMPPolicy
@@ -149,19 +149,45 @@ class ACNMP(AdaptiveAlgorithm):
         :param state: unused
         :param episode_start: unused
         :param deterministic: the greedy trajectory instead of a sample
-        :param via_points: conditioning points that the trajectory is to pass: times in [0, 1],
-            shape (O,), and values in the trajectory's unit, shape (O, D)
+        :param via_points: that the trajectory passes: times in [0, 1], shape (O,), and values in
+            the trajectory's unit, shape (O, D). A `ViaPointWarning` tells of those that the action
+            space keeps it from
         :return: shape (T, D), or (N, T, D); and ``state``
-        :raises InvalidDataError: via-points of a wrong shape, or times outside [0, 1]
+        :raises InvalidDataError: via-points of a wrong shape, at times outside [0, 1], outside the
+            action space, or that contradict each other
         """
         if via_points is None:
             return super().predict(observation, state, episode_start, deterministic)
+        self.policy.warn_of_contexts(observation)
         contexts, vectorized = self.policy.obs_to_tensor(observation)
-        space = cast(spaces.Box, self.action_space)
         with th.no_grad():
             passing = self.policy.through(cast(th.Tensor, contexts), via_points, deterministic)
-        trajectories = np.clip(passing.cpu().numpy(), space.low, space.high)
+        trajectories = passing.cpu().numpy()
         return (trajectories if vectorized else trajectories[0]), state
+
+    def predict_distribution(
+        self,
+        context: NDArray[Any],
+        via_points: tuple[ArrayLike, ArrayLike] | None = None,
+    ) -> TrajectoryDistribution:
+        """Return what the network expects in a context, and how sure it is.
+
+        The aleatoric spread is the network's own Gaussian (Eq. 4.1), the epistemic one that of the
+        members' means (`CNMPArchitecture`'s ``n_members``; Lakshminarayanan et al., "Simple and
+        scalable predictive uncertainty estimation using deep ensembles", 2017). Both are near 0 at
+        via-points. Trajectories that were found by rollouts, with which `predict` answers in their
+        contexts, are left aside.
+
+        :param context: of shape (C,), or (N, C)
+        :param via_points: as in `predict`
+        :return: arrays of shape (T, D), or (N, T, D), in the trajectory's unit
+        :raises InvalidDataError: as `predict` does
+        """
+        self.policy.warn_of_contexts(context)
+        contexts, vectorized = self.policy.obs_to_tensor(context)
+        with th.no_grad():
+            found = self.policy.distribution(cast(th.Tensor, contexts), via_points)
+        return found if vectorized else found.first()
 
     # -- the search (VI) -----------------------------------------------------------------------
 

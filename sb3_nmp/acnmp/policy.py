@@ -1,15 +1,20 @@
 """ACNMP's policy: the CNMP, and the best trajectories seen."""
 
-from typing import Any
+import warnings
+from typing import Any, cast
 
+import numpy as np
 import torch as th
 from gymnasium import spaces
 from numpy.typing import ArrayLike
 from stable_baselines3.common.type_aliases import Schedule
 
+from sb3_nmp.acnmp.distribution import TrajectoryDistribution
+from sb3_nmp.common.exceptions import ViaPointWarning
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.policies import ElitePolicy
 from sb3_nmp.models.cnmp import CNMP, CNMPArchitecture
+from sb3_nmp.models.via_points import TOLERANCE, Conditioning, check_inside
 
 SAMPLE_NOISE = SmoothNoise()
 
@@ -61,16 +66,77 @@ class ACNMPPolicy(ElitePolicy):
     def through(
         self, contexts: th.Tensor, points: tuple[ArrayLike, ArrayLike], deterministic: bool
     ) -> th.Tensor:
-        """Return trajectories that are to pass via-points, shape (N, T, D).
+        """Return trajectories in the action space that pass via-points, shape (N, T, D).
+
+        The network's answer to points and contexts is moved to the points in the demonstrations'
+        ways (`sb3_nmp.models.via_points`). A `ViaPointWarning` tells what the action space forbids.
 
         :param contexts: shape (N, C)
         :param points: times in [0, 1], shape (O,), and values, shape (O, D)
         :param deterministic: the mean
-        :raises InvalidDataError: points of a wrong shape, or times outside [0, 1]
+        :raises InvalidDataError: points of a wrong shape, at times outside [0, 1], outside the
+            action space, or that contradict each other
         """
+        passing = self._checked(points)
         condition = self.cnmp.condition(contexts)
-        checked = self.cnmp.checked_points(points)
-        return self._decode(condition, self.cnmp.representation(condition, checked), deterministic)
+        representation = self.cnmp.representation(condition, passing.points)
+        allowed = self._allowed(
+            passing.moved(self._decode(condition, representation, deterministic))
+        )
+        self._warn_of_misses(passing.misses(allowed))
+        return allowed
+
+    def distribution(
+        self, contexts: th.Tensor, points: tuple[ArrayLike, ArrayLike] | None
+    ) -> TrajectoryDistribution:
+        """Return what the network expects, N rows; see `ACNMP.predict_distribution`.
+
+        :param contexts: shape (N, C)
+        :param points: via-points, as in `through`
+        :raises InvalidDataError: as `through` does
+        """
+        cnmp = self.cnmp
+        condition = cnmp.condition(contexts)
+        passing = None if points is None else self._checked(points)
+        shown = None if passing is None else passing.points
+        representation = cnmp.representation(condition, shown)
+        split = cnmp.network.split(representation)
+        members = cnmp.network.decode_members(cnmp.times, split, condition)
+        means = (members.mean * cnmp.value_std + cnmp.value_mean).view(-1, *members.mean.shape[-3:])
+        std = cnmp.network.decode(cnmp.times, representation, condition).stddev * cnmp.value_std
+        if passing is not None:
+            means, std = passing.moved(means), std * passing.remaining
+        mean = self._allowed(means.mean(dim=0))
+        if passing is not None:
+            self._warn_of_misses(passing.misses(mean))
+        found = (part.cpu().numpy().astype(np.float64) for part in (mean, std, means))
+        return TrajectoryDistribution(*found)
+
+    def _checked(self, points: tuple[ArrayLike, ArrayLike]) -> Conditioning:
+        space, passing = cast(spaces.Box, self.action_space), self.cnmp.through(points)
+        check_inside(passing.points, space.low, space.high)
+        return passing
+
+    def _allowed(self, trajectories: th.Tensor) -> th.Tensor:
+        space = cast(spaces.Box, self.action_space)
+        low, high = (trajectories.new_tensor(bound) for bound in (space.low, space.high))
+        return trajectories.clamp(low, high)
+
+    def _warn_of_misses(self, misses: th.Tensor) -> None:
+        """Warn of points that are missed by more than the tolerance; shape (N, O, D)."""
+        lacking = misses.abs().amax(dim=0)
+        shares = lacking / self.cnmp.value_range
+        point, dimension = divmod(int(shares.argmax()), shares.shape[1])
+        if shares[point, dimension] > TOLERANCE:
+            n_missed = int((shares > TOLERANCE).any(dim=1).sum())
+            warnings.warn(
+                f"via-point {point} is missed by {lacking[point, dimension]:.3g} in dimension "
+                f"{dimension}, {shares[point, dimension]:.0%} of the demonstrated range: the "
+                f"action space allows no more ({n_missed} of {len(shares)} points are missed by "
+                f"more than {TOLERANCE:.0%}).",
+                ViaPointWarning,
+                stacklevel=4,
+            )
 
     def _decode(
         self, condition: th.Tensor, representation: th.Tensor, deterministic: bool

@@ -15,3 +15,11 @@ class InvalidDataError(ValueError):
 
 class FileFormatError(ValueError):
     """A file is not one that this library wrote."""
+
+
+class ViaPointWarning(UserWarning):
+    """A trajectory misses a via-point, since the action space allows no more."""
+
+
+class ContextWarning(UserWarning):
+    """A context lies outside the observation space, so that the answer is an extrapolation."""

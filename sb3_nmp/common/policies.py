@@ -1,5 +1,6 @@
 """The bases of all policies that answer a context with a whole trajectory."""
 
+import warnings
 from abc import abstractmethod
 from typing import Any, cast
 
@@ -11,7 +12,7 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import PyTorchObs
 
 from sb3_nmp.common.elites import EliteMemory
-from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.exceptions import ConfigurationError, ContextWarning
 from sb3_nmp.common.repertoire import Repertoire
 
 
@@ -62,6 +63,48 @@ class TrajectoryPolicy(BasePolicy):
     def _inside(self, trajectories: th.Tensor) -> NDArray[np.float64]:
         space = cast(spaces.Box, self.action_space)
         return np.clip(trajectories.cpu().numpy(), space.low, space.high).astype(np.float64)
+
+    def predict(
+        self,
+        observation: NDArray[Any] | dict[str, NDArray[Any]],
+        state: tuple[NDArray[Any], ...] | None = None,
+        episode_start: NDArray[Any] | None = None,
+        deterministic: bool = False,
+    ) -> tuple[NDArray[Any], tuple[NDArray[Any], ...] | None]:
+        """Return a trajectory for a context, or for each of several; see SB3.
+
+        A `ContextWarning` tells of a context outside the observation space.
+
+        :param observation: context of shape (C,), or (N, C)
+        :param state: unused
+        :param episode_start: unused
+        :param deterministic: the greedy trajectory instead of a sample
+        :return: shape (T, D), or (N, T, D); and ``state``
+        """
+        self.warn_of_contexts(observation)
+        return super().predict(observation, state, episode_start, deterministic)
+
+    def warn_of_contexts(self, contexts: NDArray[Any] | dict[str, NDArray[Any]]) -> None:
+        """Warn, once, where contexts lie outside the observation space.
+
+        :param contexts: shape (C,), or (N, C); those of another shape are left to SB3's own check
+        """
+        space = cast(spaces.Box, self.observation_space)
+        rows = np.atleast_2d(np.asarray(contexts, space.dtype))
+        if rows.ndim != 2 or rows.shape[1:] != space.shape:
+            return
+        outside = ~((rows >= space.low) & (rows <= space.high))
+        if outside.any():
+            row, dimension = np.argwhere(outside)[0]
+            n_outside = int(outside.any(axis=1).sum())
+            others = "" if n_outside == 1 else f" ({n_outside} of {len(rows)} contexts are outside)"
+            warnings.warn(
+                f"context {rows[row].tolist()} has {rows[row, dimension]:.4g} in dimension "
+                f"{dimension}, outside the observation space's {space.low[dimension]:.4g} to "
+                f"{space.high[dimension]:.4g}: the answer is an extrapolation{others}.",
+                ContextWarning,
+                stacklevel=4,
+            )
 
     def forward(self, observation: PyTorchObs, deterministic: bool = False) -> th.Tensor:
         """Return a trajectory for each context, shape (N, T, D).

@@ -1,7 +1,7 @@
 """`CNMP`: conditional neural movement primitives (thesis 4.3).
 
 Shape letters: N demonstrations, B batch, T time points, D dimensions of the trajectory, C context,
-K condition, O conditioning points, Z representation.
+K condition, O conditioning points, Z representation, E members.
 """
 
 from collections.abc import Mapping
@@ -15,9 +15,17 @@ from torch import nn
 from torch.distributions import Normal
 
 from sb3_nmp.common.demonstrations import Demonstrations
-from sb3_nmp.common.exceptions import InvalidDataError
+from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.settings import Presets, settings_name
 from sb3_nmp.models.networks import LinearPlus, TimeFeatures, TrajectoryDecoder, mlp
+from sb3_nmp.models.via_points import (
+    N_SHAPES,
+    Conditioning,
+    Points,
+    Prior,
+    checked,
+    principal_deviations,
+)
 
 
 @settings_name("cnmp-architecture")
@@ -42,6 +50,9 @@ class CNMPArchitecture(Presets):
     :param min_std: smallest standard deviation of the output, in units of the demonstrations'
         own; without it, Eq. 4.1 has no bound once the demonstrations are met exactly
     :param activation_fn: between the layers
+    :param n_members: of an ensemble of such networks, each with its own first weights and batches:
+        it answers with their mean, and their spread tells what the demonstrations leave open
+    :raises ConfigurationError: ``n_members`` is no whole number >= 1
     """
 
     representation_dim: int = 16
@@ -53,8 +64,16 @@ class CNMPArchitecture(Presets):
     n_frequencies: int = 8
     min_std: float = 0.02
     activation_fn: type[nn.Module] = nn.ReLU
+    n_members: int = 1
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"stream": {"context_in_decoder": True}}
+
+    def __post_init__(self) -> None:
+        """Check the number of members."""
+        if int(self.n_members) != self.n_members or self.n_members < 1:
+            raise ConfigurationError(
+                f"n_members is {self.n_members}; it must be a whole number >= 1."
+            )
 
 
 class ConditionalNeuralProcess(nn.Module):
@@ -74,13 +93,13 @@ class ConditionalNeuralProcess(nn.Module):
 
     def __init__(self, value_dim: int, condition_dim: int, architecture: CNMPArchitecture) -> None:
         super().__init__()
-        a, code = architecture, architecture.representation_dim
-        self.representation_dim, self.min_std = code, a.min_std
+        a, code, n = architecture, architecture.representation_dim, architecture.n_members
+        self.representation_dim, self.min_std, self.n_members = code, a.min_std, n
         self.condition_in_decoder = a.context_in_decoder
         self.features = TimeFeatures(a.n_frequencies)
         encoder_inputs = self.features.n_features + value_dim + condition_dim
-        self.encoder = mlp([encoder_inputs, *a.encoder_arch, code], a.activation_fn)
-        self.from_condition = LinearPlus([condition_dim, *a.context_arch, code], a.activation_fn)
+        self.encoder = mlp([encoder_inputs, *a.encoder_arch, code], a.activation_fn, n)
+        self.from_condition = LinearPlus([condition_dim, *a.context_arch, code], a.activation_fn, n)
         self.decoder = TrajectoryDecoder(
             a.n_frequencies,
             code + (condition_dim if a.context_in_decoder else 0),
@@ -88,40 +107,93 @@ class ConditionalNeuralProcess(nn.Module):
             2 * value_dim,
             a.activation_fn,
             value_dim if a.linear_trend else 0,
+            n,
         )
 
     def encode(
         self, times: th.Tensor, values: th.Tensor, condition: th.Tensor, seen: th.Tensor
     ) -> th.Tensor:
-        """Return the representation r, shape (B, Z): the mean over the points that are seen.
-
-        Where none is seen, it is the condition's.
+        """Return the representation r, shape (B, E * Z): each member's, side by side.
 
         :param times: of the conditioning points, shape (B, O)
         :param values: at those times, shape (B, O, D)
         :param condition: shape (B, K)
         :param seen: 1 for the points that count and 0 for the others, shape (B, O)
         """
-        repeated = condition[:, None].expand(-1, times.shape[1], -1)
-        points = self.encoder(th.cat([self.features(times), values, repeated], dim=-1))
-        n_seen = seen.sum(dim=1, keepdim=True)
-        mean = (points * seen[..., None]).sum(dim=1) / n_seen.clamp(min=1.0)
-        return th.where(n_seen > 0, mean, self.from_condition(condition))
+        return self._joined(self.encode_members(times, values, condition, seen))
+
+    def encode_condition(self, condition: th.Tensor) -> th.Tensor:
+        """Return the representation without conditioning points, shape (B, E * Z).
+
+        :param condition: shape (B, K)
+        """
+        return self._joined(self.from_condition(self._for_each(condition, 2)))
 
     def decode(self, times: th.Tensor, representation: th.Tensor, condition: th.Tensor) -> Normal:
         """Return p(x_t | r, t) at every target time, batch shape (B, T, D).
 
+        Of an ensemble, it has the mean of the members' means and of their variances.
+
         :param times: target times, shape (T,) or (B, T)
-        :param representation: r, shape (B, Z)
+        :param representation: r, shape (B, E * Z)
         :param condition: shape (B, K); without effect unless ``condition_in_decoder``
         """
-        constant = (
-            th.cat([representation, condition], dim=-1)
-            if self.condition_in_decoder
-            else representation
-        )
+        found = self.decode_members(times, self.split(representation), condition)
+        if self.n_members == 1:
+            return found
+        std = found.variance.mean(dim=0).sqrt()
+        return Normal(found.mean.mean(dim=0), std, validate_args=False)
+
+    def encode_members(
+        self, times: th.Tensor, values: th.Tensor, condition: th.Tensor, seen: th.Tensor
+    ) -> th.Tensor:
+        """Return each member's representation, shape (E, B, Z), or (B, Z) of a single one.
+
+        It is the mean over the points that are seen; where none is seen, the condition's. All
+        arguments are as in `encode`, or begin with E to give each member its own.
+        """
+        times, condition = self._for_each(times, 2), self._for_each(condition, 2)
+        values, seen = self._for_each(values, 3), self._for_each(seen, 2)
+        repeated = condition[..., None, :].expand(*times.shape, -1)
+        points = self.encoder(th.cat([self.features(times), values, repeated], dim=-1))
+        n_seen = seen.sum(dim=-1, keepdim=True)
+        mean = (points * seen[..., None]).sum(dim=-2) / n_seen.clamp(min=1.0)
+        return th.where(n_seen > 0, mean, self.from_condition(condition))
+
+    def decode_members(
+        self, times: th.Tensor, representation: th.Tensor, condition: th.Tensor
+    ) -> Normal:
+        """Return each member's Gaussian, batch shape (E, B, T, D), or (B, T, D) of a single one.
+
+        :param times: as in `decode`, or each member's own, shape (E, B, T)
+        :param representation: shape (E, B, Z), or (B, Z) of a single one
+        :param condition: as in `decode`, or each member's own, shape (E, B, K)
+        """
+        if self.n_members > 1:
+            times = self._for_each(th.atleast_2d(times), 2)
+        constant = representation
+        if self.condition_in_decoder:
+            constant = th.cat([representation, self._for_each(condition, 2)], dim=-1)
         mean, raw = self.decoder(times, constant).chunk(2, dim=-1)
         return Normal(mean, nn.functional.softplus(raw) + self.min_std, validate_args=False)
+
+    def split(self, representation: th.Tensor) -> th.Tensor:
+        """Return the members' representations, shape (E, B, Z), or (B, Z) of a single one.
+
+        :param representation: shape (B, E * Z)
+        """
+        if self.n_members == 1:
+            return representation
+        return representation.unflatten(1, (self.n_members, -1)).movedim(1, 0)
+
+    def _joined(self, members: th.Tensor) -> th.Tensor:
+        return members if self.n_members == 1 else members.movedim(0, 1).flatten(1)
+
+    def _for_each(self, given: th.Tensor, n_axes: int) -> th.Tensor:
+        """Return what all members are given, or each is given, with E in front."""
+        if self.n_members == 1 or given.ndim > n_axes:
+            return given
+        return given.expand(self.n_members, *given.shape)
 
 
 class CNMP(nn.Module):
@@ -145,6 +217,8 @@ class CNMP(nn.Module):
     context_std: th.Tensor
     value_mean: th.Tensor
     value_std: th.Tensor
+    value_range: th.Tensor
+    deviations: th.Tensor
 
     def __init__(
         self,
@@ -161,9 +235,11 @@ class CNMP(nn.Module):
         self.register_buffer("context_std", th.ones(context_dim))
         self.register_buffer("value_mean", th.zeros(n_dimensions))
         self.register_buffer("value_std", th.ones(n_dimensions))
+        self.register_buffer("value_range", th.ones(n_dimensions))
+        self.register_buffer("deviations", th.zeros(N_SHAPES, n_time_points, n_dimensions))
 
     def set_scale(self, demonstrations: Demonstrations) -> None:
-        """Take mean and standard deviation of contexts and values from demonstrations.
+        """Take mean and spread of contexts and values from demonstrations.
 
         :param demonstrations: those that the network will be trained on
         """
@@ -176,6 +252,10 @@ class CNMP(nn.Module):
             for part, value in (("mean", mean), ("std", std)):
                 buffer = getattr(self, f"{name}_{part}")
                 buffer.copy_(th.as_tensor(value, dtype=th.float32))
+        spread = np.ptp(demonstrations.trajectories, axis=(0, 1))
+        self.value_range.copy_(th.as_tensor(np.where(spread < 1e-6, 1.0, spread)))
+        found = principal_deviations(demonstrations.trajectories)
+        self.deviations.copy_(th.as_tensor(found))
 
     def condition(self, contexts: th.Tensor) -> th.Tensor:
         """Return contexts as the network sees them, shape (B, C).
@@ -191,29 +271,25 @@ class CNMP(nn.Module):
         """
         return (values - self.value_mean) / self.value_std
 
-    def representation(
-        self, condition: th.Tensor, points: tuple[th.Tensor, th.Tensor] | None = None
-    ) -> th.Tensor:
-        """Return the representation of conditioning points, or of contexts alone, shape (B, Z).
+    def representation(self, condition: th.Tensor, points: Points | None = None) -> th.Tensor:
+        """Return the representation of conditioning points, or of contexts alone, shape (B, E * Z).
 
         :param condition: shape (B, C), as `condition` returns it
-        :param points: times in [0, 1], shape (O,), and values in the trajectory's unit, shape
-            (O, D); None: no points
+        :param points: conditioning points; None: no points
         """
         if points is None:
-            return self.network.from_condition(condition)
-        times, values = points
-        shape = (len(condition), len(times))
+            return self.network.encode_condition(condition)
+        shape = (len(condition), len(points.times))
         return self.network.encode(
-            times.expand(shape),
-            self.normalise(values).expand(*shape, -1),
+            points.times.expand(shape),
+            self.normalise(points.values).expand(*shape, -1),
             condition,
             th.ones(shape, device=condition.device),
         )
 
     @th.no_grad()
     def encode_whole(self, demonstrations: Demonstrations) -> th.Tensor:
-        """Return the representation of whole trajectories, shape (N, Z).
+        """Return the representation of whole trajectories, shape (N, E * Z).
 
         :param demonstrations: contexts and trajectories
         """
@@ -229,7 +305,7 @@ class CNMP(nn.Module):
         """Return mean trajectories in the trajectory's unit, shape (B, T, D).
 
         :param condition: shape (B, C), as `condition` returns it
-        :param representation: shape (B, Z)
+        :param representation: shape (B, E * Z)
         """
         decoded = self.network.decode(self.times, representation, condition).mean
         return decoded * self.value_std + self.value_mean
@@ -241,32 +317,26 @@ class CNMP(nn.Module):
         """Return the mean trajectory for each context, shape (N, T, D).
 
         :param contexts: shape (N, C)
-        :param points: via-points that all trajectories should pass: times in [0, 1], shape (O,),
-            and values in the trajectory's unit, shape (O, D)
-        :raises InvalidDataError: points of a wrong shape, or times outside [0, 1]
+        :param points: via-points that all trajectories pass: times in [0, 1], shape (O,), and
+            values in the trajectory's unit, shape (O, D)
+        :raises InvalidDataError: points of a wrong shape, times outside [0, 1], or points that
+            contradict each other
         """
-        checked = None if points is None else self.checked_points(points)
         condition = self.condition(self.times.new_tensor(np.asarray(contexts)))
-        decoded = self.mean(condition, self.representation(condition, checked))
+        if points is None:
+            decoded = self.mean(condition, self.representation(condition))
+        else:
+            passing = self.through(points)
+            representation = self.representation(condition, passing.points)
+            decoded = passing.moved(self.mean(condition, representation))
         return decoded.cpu().numpy().astype(np.float64)
 
-    def checked_points(self, points: tuple[ArrayLike, ArrayLike]) -> tuple[th.Tensor, th.Tensor]:
-        """Return via-points as tensors.
+    def through(self, points: tuple[ArrayLike, ArrayLike]) -> Conditioning:
+        """Return how trajectories are moved to pass via-points, and the points, checked.
 
-        :param points: times in [0, 1], shape (O,), and values, shape (O, D)
-        :raises InvalidDataError: a wrong shape, a time outside [0, 1], or a non-finite value
+        :param points: times in [0, 1], shape (O,), and values in the trajectory's unit, (O, D)
+        :raises InvalidDataError: a wrong shape, a time outside [0, 1], a non-finite value, or
+            points that contradict each other
         """
-        times, values = (np.asarray(part, np.float32) for part in points)
-        expected = (*times.shape, self.value_mean.shape[0])
-        if times.ndim != 1 or len(times) == 0 or values.shape != expected:
-            raise InvalidDataError(
-                f"via-points have times of shape {times.shape} and values of shape {values.shape}; "
-                f"they need (O,) and (O, D) with O >= 1 and D = {expected[-1]}."
-            )
-        if not (np.isfinite(values).all() and (times >= 0).all() and (times <= 1).all()):
-            raise InvalidDataError(
-                f"via-points at times {times.tolist()}: times must lie in [0, 1], scaled by the "
-                "trajectory's duration, and values must be finite."
-            )
-        device = self.times.device
-        return th.as_tensor(times, device=device), th.as_tensor(values, device=device)
+        prior = Prior.like(self.deviations, self.value_std)
+        return prior.given(checked(points, len(self.times), self.value_range))

@@ -1,7 +1,7 @@
 """How a CNMP learns trajectories: random points, Eq. 4.1, and the training on demonstrations.
 
 Shape letters: N demonstrations, B batch, T time points, D dimensions of the trajectory, C context,
-O conditioning points, P target points.
+O conditioning points, P target points, E members.
 """
 
 import math
@@ -76,6 +76,8 @@ class CNMPPretraining(Presets):
 class PointBatch:
     """Random conditioning and target points of a batch of trajectories, in normalised values.
 
+    Where each member of an ensemble has its own batch, all shapes begin with E.
+
     :param times: of all points, shape (B, O + P)
     :param values: at those times, shape (B, O + P, D)
     :param seen: which of the first O points are shown to the encoder, shape (B, O)
@@ -96,6 +98,7 @@ class PointSampler:
     :param values: normalised trajectories, shape (N, T, D)
     :param condition: normalised contexts, shape (N, C)
     :param rng: the generator to draw from
+    :param n_members: members of an ensemble that get batches of their own; 1: one batch for all
     """
 
     def __init__(
@@ -105,8 +108,10 @@ class PointSampler:
         values: th.Tensor,
         condition: th.Tensor,
         rng: np.random.Generator,
+        n_members: int = 1,
     ) -> None:
         self.settings, self.rng = settings, rng
+        self.members = () if n_members == 1 else (n_members,)
         self.times, self.values, self.condition = times, values, condition
 
     def draw(self, n_batches: int) -> list[PointBatch]:
@@ -116,17 +121,18 @@ class PointSampler:
         """
         s, n_seen = self.settings, self.settings.max_conditioning_points
         size, device = min(s.batch_size, len(self.values)), self.values.device
-        order = self.rng.random((n_batches, len(self.values))).argsort(axis=1)[:, :size]
+        each = (n_batches, *self.members)
+        order = self.rng.random((*each, len(self.values))).argsort(axis=-1)[..., :size]
         rows = th.as_tensor(order, device=device)
         n_points = n_seen + s.n_target_points
-        drawn = self.rng.integers(len(self.times), size=(n_batches, size, n_points))
+        drawn = self.rng.integers(len(self.times), size=(*each, size, n_points))
         points = th.as_tensor(drawn, device=device)
-        counts = self.rng.integers(-n_seen, n_seen + 1, size=(n_batches, size, 1))
+        counts = self.rng.integers(-n_seen, n_seen + 1, size=(*each, size, 1))
         seen = th.as_tensor((np.arange(n_seen) < counts).astype(np.float32), device=device)
         return [
             PointBatch(
                 self.times[points[i]],
-                self.values[rows[i][:, None], points[i]],
+                self.values[rows[i][..., None], points[i]],
                 seen[i],
                 self.condition[rows[i]],
             )
@@ -144,17 +150,18 @@ def cosine(highest: float, progress: float) -> float:
 
 
 def negative_log_likelihood(network: ConditionalNeuralProcess, batch: PointBatch) -> th.Tensor:
-    """Return Eq. 4.1, averaged over the target points and summed over dimensions; a scalar.
+    """Return Eq. 4.1, averaged over members and target points, summed over dimensions.
 
     :param network: the conditional neural process
     :param batch: points of demonstrations
     """
-    n_seen = batch.seen.shape[1]
-    representation = network.encode(
-        batch.times[:, :n_seen], batch.values[:, :n_seen], batch.condition, batch.seen
+    n_seen = batch.seen.shape[-1]
+    shown, targets = batch.values[..., :n_seen, :], batch.values[..., n_seen:, :]
+    representation = network.encode_members(
+        batch.times[..., :n_seen], shown, batch.condition, batch.seen
     )
-    predicted = network.decode(batch.times[:, n_seen:], representation, batch.condition)
-    return -predicted.log_prob(batch.values[:, n_seen:]).sum(dim=-1).mean()
+    predicted = network.decode_members(batch.times[..., n_seen:], representation, batch.condition)
+    return -predicted.log_prob(targets).sum(dim=-1).mean()
 
 
 def pretrain(
@@ -182,6 +189,7 @@ def pretrain(
         cnmp.normalise(cnmp.times.new_tensor(demonstrations.trajectories)),
         cnmp.condition(cnmp.times.new_tensor(demonstrations.contexts)),
         rng,
+        cnmp.network.n_members,
     )
     batches: list[PointBatch] = []
     cnmp.train()

@@ -1,6 +1,9 @@
 """The parts that networks over trajectories are made of.
 
-Shape letters: B batch, T target times.
+Shape letters: B batch, T target times, E members of an ensemble.
+
+With ``n_members`` above 1, each of these parts is an ensemble of its kind in one: all its inputs
+and outputs begin with E, and members share nothing.
 """
 
 import math
@@ -25,15 +28,60 @@ for _name, _activation in ACTIVATIONS.items():
     settings_name(_name)(_activation)
 
 
-def mlp(sizes: list[int], activation_fn: type[nn.Module]) -> nn.Sequential:
+class MemberLinear(nn.Module):
+    """A linear layer for each member of an ensemble, in one product.
+
+    Each begins as PyTorch's ``nn.Linear`` does.
+
+    :param n_members: E
+    :param inputs: size of the input
+    :param outputs: size of the output
+    :param bias: whether a constant is added
+    """
+
+    def __init__(self, n_members: int, inputs: int, outputs: int, bias: bool = True) -> None:
+        super().__init__()
+        limit = inputs**-0.5
+        self.weight = nn.Parameter(th.empty(n_members, inputs, outputs).uniform_(-limit, limit))
+        first = th.empty(n_members, 1, outputs).uniform_(-limit, limit) if bias else None
+        self.bias = None if first is None else nn.Parameter(first)
+
+    def forward(self, inputs: th.Tensor) -> th.Tensor:
+        """Return the outputs, shape (E, *, outputs).
+
+        :param inputs: shape (E, *, inputs)
+        """
+        rows = inputs.flatten(1, -2)
+        if self.bias is None:
+            found = th.bmm(rows, self.weight)
+        else:
+            found = th.baddbmm(self.bias, rows, self.weight)
+        return found.view(*inputs.shape[:-1], -1)
+
+
+def linear(inputs: int, outputs: int, n_members: int = 1, bias: bool = True) -> nn.Module:
+    """Return a linear layer, or one for each member.
+
+    :param inputs: size of the input
+    :param outputs: size of the output
+    :param n_members: E
+    :param bias: whether a constant is added
+    """
+    if n_members == 1:
+        return nn.Linear(inputs, outputs, bias)
+    return MemberLinear(n_members, inputs, outputs, bias)
+
+
+def mlp(sizes: list[int], activation_fn: type[nn.Module], n_members: int = 1) -> nn.Sequential:
     """Return a multi-layer perceptron with a linear last layer.
 
     :param sizes: of input, hidden layers and output
     :param activation_fn: between the layers
+    :param n_members: E
     """
     layers: list[nn.Module] = []
     for inputs, outputs in pairwise(sizes):
-        layers += [nn.Linear(inputs, outputs), activation_fn()]
+        layers += [linear(inputs, outputs, n_members), activation_fn()]
     return nn.Sequential(*layers[:-1])
 
 
@@ -42,12 +90,15 @@ class LinearPlus(nn.Module):
 
     :param sizes: of input, hidden layers and output
     :param activation_fn: between the layers
+    :param n_members: E
     """
 
-    def __init__(self, sizes: list[int], activation_fn: type[nn.Module]) -> None:
+    def __init__(
+        self, sizes: list[int], activation_fn: type[nn.Module], n_members: int = 1
+    ) -> None:
         super().__init__()
-        self.linear = nn.Linear(sizes[0], sizes[-1])
-        self.correction = mlp(sizes, activation_fn)
+        self.linear = linear(sizes[0], sizes[-1], n_members)
+        self.correction = mlp(sizes, activation_fn, n_members)
 
     def forward(self, inputs: th.Tensor) -> th.Tensor:
         """Return the sum, shape (*, outputs).
@@ -95,6 +146,7 @@ class TrajectoryDecoder(nn.Module):
     :param activation_fn: between the layers
     :param trend_dim: adds to so many of the outputs, the first ones, a trend that is linear in the
         inputs and in the time features. It is what few examples determine best
+    :param n_members: E
     """
 
     def __init__(
@@ -105,30 +157,31 @@ class TrajectoryDecoder(nn.Module):
         outputs: int,
         activation_fn: type[nn.Module],
         trend_dim: int = 0,
+        n_members: int = 1,
     ) -> None:
         super().__init__()
         self.features = TimeFeatures(n_frequencies)
-        self.from_time = nn.Linear(self.features.n_features, arch[0])
-        self.from_latent = nn.Linear(inputs, arch[0], bias=False)
+        self.from_time = linear(self.features.n_features, arch[0], n_members)
+        self.from_latent = linear(inputs, arch[0], n_members, bias=False)
         self.activation = activation_fn()
-        self.layers = mlp([*arch, outputs], activation_fn)
-        self.trend: nn.Linear | None = None
+        self.layers = mlp([*arch, outputs], activation_fn, n_members)
+        self.trend: nn.Module | None = None
         if trend_dim:
-            self.trend = nn.Linear(inputs, (self.features.n_features + 1) * trend_dim)
-            nn.init.zeros_(self.trend.weight)
-            nn.init.zeros_(self.trend.bias)
+            self.trend = linear(inputs, (self.features.n_features + 1) * trend_dim, n_members)
+            for parameter in self.trend.parameters():
+                nn.init.zeros_(parameter)
 
     def forward(self, times: th.Tensor, constant: th.Tensor) -> th.Tensor:
-        """Return the outputs, shape (B, T, outputs).
+        """Return the outputs, shape (B, T, outputs), or (E, B, T, outputs).
 
-        :param times: target times, shape (T,) or (B, T)
-        :param constant: latent and condition, shape (B, inputs)
+        :param times: target times, shape (T,) or (B, T), or (E, 1, T) or (E, B, T)
+        :param constant: latent and condition, shape (B, inputs), or (E, B, inputs)
         """
         features = self.features(times)
-        hidden = self.from_time(features) + self.from_latent(constant)[:, None]
+        hidden = self.from_time(features) + self.from_latent(constant)[..., None, :]
         outputs = self.layers(self.activation(hidden))
         if self.trend is None:
             return outputs
-        bases = nn.functional.pad(features, (0, 1), value=1.0).expand(*outputs.shape[:2], -1)
-        trend = bases @ self.trend(constant).unflatten(1, (bases.shape[-1], -1))
+        bases = nn.functional.pad(features, (0, 1), value=1.0).expand(*outputs.shape[:-1], -1)
+        trend = bases @ self.trend(constant).unflatten(-1, (bases.shape[-1], -1))
         return outputs + nn.functional.pad(trend, (0, outputs.shape[-1] - trend.shape[-1]))
