@@ -6,6 +6,7 @@ from benchmark_envs.tasks.pouring import EXTRAPOLATION_CONTEXTS
 from results.adaptation.protocol import Extrapolation
 from results.algorithms import (
     ACNMP,
+    CMAES,
     DREPS,
     EWERTON,
     REPS,
@@ -16,7 +17,7 @@ from results.algorithms import (
     twins,
 )
 from results.harness.suite import Recipe
-from results.suites.push import CMAES_CONTEXT, RCNMP_FREE
+from results.suites.push import RCNMP_FREE
 
 # With a handful of rollouts in all, each one is chosen by all before it, and the Gaussians are
 # fitted to as few as they can be.
@@ -27,7 +28,7 @@ ALGORITHMS = {
     **twins("nearest", "ridge", "Gaussian process", **ONE_BY_ONE),
     "twin, ridge, sum alone": twin("ridge", **ONE_BY_ONE, **SUM_ALONE),
     "ACNMP (thesis)": thesis_acnmp(),
-    "CMA-ES context": CMAES_CONTEXT,
+    "CMA-ES context": replace(CMAES, settings={"n_bases": 4, "context_std": 0.3}),
     "ProMP+RL (Stark)": replace(STARK, settings={"population_size": 6}),
     "ProMP+RL (Ewerton)": replace(EWERTON, settings={"population_size": 9}),
     "REPS": replace(REPS, settings={"population_size": 9}),

@@ -12,7 +12,7 @@ from sb3_nmp import ACNMPExploration, ShapedExploration
 EXPLORATION = ACNMPExploration.preset("push")
 #: the PD controller would pull every trajectory to the demonstrations' mean end
 RCNMP_FREE = replace(RCNMP, settings={"pd_controller": None}, pretrained=False)
-CMAES_CONTEXT = replace(CMAES, settings={"n_bases": 4, "context_std": 0.3})
+CMAES_CONTEXT = replace(CMAES, settings={"n_bases": 4, "context_std": 0.3, "shaped": 0.99})
 ALGORITHMS = {
     "ACNMP": replace(ACNMP, settings={"exploration": EXPLORATION}),
     **twins(*TWINS, exploration=ShapedExploration.preset("push")),
