@@ -17,8 +17,9 @@ from sb3_nmp import (
     TrajectoryDistribution,
 )
 from sb3_nmp.acnmp.exploration import latent_axes
-from sb3_nmp.models.cnmp import CNMP
-from sb3_nmp.models.cnmp_training import PointSampler, negative_log_likelihood
+from sb3_nmp.models import cnmp_training
+from sb3_nmp.models.cnmp import CNMP, ConditionalNeuralProcess
+from sb3_nmp.models.cnmp_training import PointBatch, PointSampler, negative_log_likelihood
 from sb3_nmp.models.networks import MemberLinear
 from tests.test_acnmp import SHOWN, Reach, T, expert
 
@@ -149,6 +150,19 @@ def test_each_member_trains_on_batches_of_its_own() -> None:
     assert not th.equal(batch.times[0], batch.times[1])
     assert not th.equal(batch.condition[0], batch.condition[1])
     assert negative_log_likelihood(cnmp.network, batch).shape == ()
+
+
+def test_pretraining_gives_each_member_its_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[tuple[int, ...]] = []
+
+    def loss(network: ConditionalNeuralProcess, batch: PointBatch) -> th.Tensor:
+        seen.append(tuple(batch.condition.shape))
+        return negative_log_likelihood(network, batch)
+
+    monkeypatch.setattr(cnmp_training, "negative_log_likelihood", loss)
+    cnmp = CNMP(1, (T, 1), ENSEMBLE)
+    cnmp_training.pretrain(DEMONSTRATIONS, CNMPPretraining(1), np.random.default_rng(0), cnmp)
+    assert seen == [(E, 7, 1)]
 
 
 def test_latent_axes_span_all_members_and_move_the_answer(model: ACNMP) -> None:
