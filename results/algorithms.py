@@ -87,8 +87,16 @@ def thesis_acnmp(**settings: object) -> Algorithm:
         "search": "policy",
         "population_size": 2,
         "learning_rate": 5e-5,
-        "adaptation": ACNMPAdaptation("step", n_training_steps=100),
-        "exploration": ACNMPExploration(latent=0.0, n_bases=20, shaped=0.0, radius=0.5),
+        "adaptation": ACNMPAdaptation("step", n_training_steps=100, reward_weight=1.0),
+        "exploration": ACNMPExploration(
+            latent=0.0,
+            n_bases=20,
+            shaped=0.0,
+            radius=0.5,
+            growth=1.0,
+            shrinkage=1.0,
+            retry_answer=True,
+        ),
         "policy_kwargs": {"cnmp": CNMPArchitecture(context_in_decoder=True, linear_trend=False)},
     }
     described = "policy gradient, noise and network as in the thesis"

@@ -2,6 +2,7 @@
 
 import json
 import zipfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -175,7 +176,7 @@ def test_settings_outside_their_range_are_refused() -> None:
         ACNMPCritic(n_remembered=1)
     with pytest.raises(ConfigurationError, match=r"shaped is 1.5; it must be in \[0, 1\]"):
         ACNMPExploration(shaped=1.5)
-    with pytest.raises(ConfigurationError, match=r"no advantage 'best'; there are to_go, step"):
+    with pytest.raises(ConfigurationError, match=r"advantage is 'best'; it must be one of to_go"):
         ACNMPAdaptation(advantage="best")  # pyright: ignore[reportArgumentType]
     with pytest.raises(ConfigurationError, match="n_training_steps is -1"):
         ACNMPAdaptation(n_training_steps=-1)
@@ -376,7 +377,8 @@ def test_the_trust_region_grows_with_success_and_shrinks_without() -> None:
 
 def test_the_policys_search_stays_around_the_answer_that_it_follows() -> None:
     rng = np.random.default_rng(0)
-    search = PolicySearch(Subspace(np.ones((T, 1)), rng.standard_normal((3, T, 1))), 0.7)
+    space = Subspace(np.ones((T, 1)), rng.standard_normal((3, T, 1)))
+    search = PolicySearch(space, ACNMPExploration(retry_answer=True))
     for answer in (1.0, 5.0):
         search.follow(np.full((T, 1), answer))
         for _ in range(2):
@@ -393,14 +395,15 @@ def test_the_critic_finds_the_optimum_with_fewer_rollouts_than_chance() -> None:
         rng = np.random.default_rng(seed)
         along = np.linalg.qr(rng.standard_normal((T, 6)))[0].T[..., None]
         goal = np.tensordot(rng.standard_normal(6), along, axes=1)
-        search = kind(Subspace(np.zeros((T, 1)), along), 0.7)
+        search = kind(Subspace(np.zeros((T, 1)), along))
         for _ in range(8):
             tried = search.ask(5, rng)
             search.tell(generation(tried, -((tried - goal) ** 2).sum(axis=(1, 2))))
         return -max(part.rewards.max() for part in search.rollouts)
 
-    with_critic = np.median([best(CriticSearch, seed) for seed in range(5)])
-    without = np.median([best(PolicySearch, seed) for seed in range(5)])
+    with_critic = np.median([best(lambda space: CriticSearch(space, 0.7), s) for s in range(5)])
+    around = partial(PolicySearch, settings=ACNMPExploration())
+    without = np.median([best(around, seed) for seed in range(5)])
     assert with_critic < 0.2 * without
 
 

@@ -163,7 +163,7 @@ def train_cnmp(demonstrations: FloatArray, seed: int, n_steps: int) -> Normal:
     condition = cnmp.condition(th.zeros(1, 1))
     time, value = START
     with th.no_grad():
-        seen = cnmp.representation(condition, cnmp.checked_points(([time], [[value]])))
+        seen = cnmp.representation(condition, cnmp.through(([time], [[value]])).points)
         told = cnmp.network.decode(cnmp.times, seen, condition)
     scale, middle = cnmp.value_std, cnmp.value_mean
     return Normal(told.mean[0] * scale + middle, told.stddev[0] * scale)

@@ -31,14 +31,14 @@ ALGORITHMS = {
     "thesis's decoder": acnmp(
         policy_kwargs={"cnmp": CNMPArchitecture(context_in_decoder=True, linear_trend=False)}
     ),
-    "policy gradient, to go": acnmp(search="policy", adaptation=ACNMPAdaptation("to_go")),
-    "policy gradient, steps": acnmp(search="policy", adaptation=ACNMPAdaptation("step")),
+    "policy gradient, to go": acnmp(search="policy", adaptation=ACNMPAdaptation.preset("to_go")),
+    "policy gradient, steps": acnmp(search="policy", adaptation=ACNMPAdaptation.preset("step")),
     "policy gradient, pairs": acnmp(
-        search="policy", adaptation=ACNMPAdaptation("step"), population_size=2
+        search="policy", adaptation=ACNMPAdaptation.preset("step"), population_size=2
     ),
     "RL only": acnmp(
         search="policy",
-        adaptation=ACNMPAdaptation("to_go", supervised=False),
+        adaptation=replace(ACNMPAdaptation.preset("to_go"), supervised=False),
         exploration=replace(EXPLORATION, latent=0.0, shaped=0.0),
     ),
 }

@@ -64,7 +64,7 @@ ALGORITHMS = {
     "ACNMP (thesis)": acnmp(
         "policy gradient, Eq. 5.2",
         search="policy",
-        adaptation=ACNMPAdaptation("to_go", supervised=False),
+        adaptation=replace(ACNMPAdaptation.preset("to_go"), supervised=False),
     ),
     "GA": replace(GA, settings=OF_GA),
     "GA, judged": replace(JUDGED_GA, settings=OF_GA | dict(JUDGED_GA.settings)),

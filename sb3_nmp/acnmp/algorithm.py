@@ -44,15 +44,20 @@ class ACNMP(AdaptiveAlgorithm):
     by likelihood (Eq. 4.1) in alternating steps. (VIII) A solved context is assimilated: its
     trajectory joins the demonstrations.
 
-    Where this departs from the thesis: a generation has ``population_size`` rollouts instead of
-    two, and by default a critic chooses them by all earlier rollouts in the context instead of
-    drawing them around the policy's mean (``search="policy"``). This is Bayesian optimisation
-    around the network's answer (`sb3_nmp.bayesian.search.CriticSearch`). What each part brings is
-    measured in ``results/experiments/acnmp.md``.
+    With ``search="policy"`` the network drives the search, as in the thesis: each generation is
+    drawn around its present answer. With ``search="critic"``, the default, a Gaussian process
+    chooses the rollouts by all earlier ones in the context: Bayesian optimisation around the
+    network's first answer (`sb3_nmp.bayesian.search.CriticSearch`), which needs fewer rollouts. In
+    both the network learns from the rollouts, so that its own answer succeeds in the end, without
+    any rollout remembered (``policy.own_answer``).
 
-    With the critic the policy gradient changes no number today: a learning rate of 0 gives the same
-    rewards and greedy answers, bit for bit, on push, pick-and-place and pouring. The critic reads
-    the reward's terms (``info["reward_<term>"]``) where the environment tells them.
+    Where this departs from the thesis: a generation has ``population_size`` rollouts instead of
+    two; the policy gradient weighs all rollouts of the context by their place instead of the last
+    ones by their advantage; how far is explored adapts as a trust region does; a solution is
+    learned at its whole length. What each part brings is measured in
+    ``results/experiments/acnmp.md``. The critic reads the reward's terms
+    (``info["reward_<term>"]``) where the environment tells them, unless
+    ``ACNMPCritic(terms=False)``.
 
     >>> import benchmark_envs
     >>> shown = Demonstrations.from_task("nmp/Bottles-v0", 3, seed=0)
@@ -64,11 +69,11 @@ class ACNMP(AdaptiveAlgorithm):
     :param learning_rate: of Adam after the pre-training, or a schedule of it; after each
         generation it starts there and falls to a hundredth along a cosine
     :param search: what chooses a search's rollouts: ``"critic"``, a Gaussian process, or
-        ``"policy"``, draws around the policy's answer as in the thesis
+        ``"policy"``, the network: draws around its answer. There 5 rollouts per generation are good
     :param exploration: directions and scales of exploration
     :param critic: settings of the critic; without effect on ``search="policy"``
-    :param adaptation: how the network is trained after each generation. The advantage ``"place"``
-        is by all rollouts in the context with a critic, and by the last generation without
+    :param adaptation: how the network is trained after a generation; beside a critic only after
+        one with a new best rollout
     :param pretraining: length and batches of the training on demonstrations
     """
 
@@ -198,7 +203,7 @@ class ACNMP(AdaptiveAlgorithm):
         along = directions(self.exploration, self.first_scale(), cnmp, shown, row)
         space = Subspace(cnmp.trajectories(row[None])[0], along)
         if self.search == "policy":
-            return PolicySearch(space, self.exploration.radius)
+            return PolicySearch(space, self.exploration)
         return CriticSearch(space, self.exploration.radius, self.critic)
 
     # -- simultaneous training (VII, VIII) -----------------------------------------------------
@@ -206,17 +211,21 @@ class ACNMP(AdaptiveAlgorithm):
     def _adapt(self, searched: list[ContextSearch], solved: list[ContextSearch]) -> None:
         policy, settings = self.policy, self.adaptation
         policy.train()
-        n_steps = settings.n_training_steps + (settings.n_assimilation_steps if solved else 0)
-        sampler = self._sampler()
-        tried = self._tried(searched) if settings.n_training_steps else []
+        improving = [each for each in searched if self._teaches(each)]
+        n_gradients = settings.n_training_steps if improving else 0
+        n_steps = n_gradients + (settings.n_assimilation_steps if solved else 0)
+        tried = self._tried(improving) if n_gradients else []
+        found = self._found(solved) if settings.n_training_steps else []
         highest = self.lr_schedule(self._current_progress_remaining)
-        for step, batch in enumerate(sampler.draw(n_steps)):
+        for step, batch in enumerate(self._sampler().draw(n_steps)):
             update_learning_rate(policy.optimizer, cosine(highest, step / n_steps))
             losses = []
             if settings.supervised:
                 losses.append(negative_log_likelihood(policy.cnmp.network, batch))
-            if step < settings.n_training_steps:
-                losses.append(self._policy_gradient_loss(searched, tried))
+            if step < n_gradients:
+                losses.append(self._policy_gradient_loss(improving, tried))
+            elif found:
+                losses.append(self._policy_gradient_loss(solved, found))
             for loss in losses:
                 policy.optimizer.zero_grad()
                 loss.backward()
@@ -225,6 +234,15 @@ class ACNMP(AdaptiveAlgorithm):
         for each in self.searches:
             if isinstance(each.search, PolicySearch):
                 each.search.follow(policy.cnmp.trajectories(each.context[None])[0])
+
+    def _teaches(self, searched: ContextSearch) -> bool:
+        """Return whether the network learns from a search's last generation.
+
+        A network that drives the search always does. Beside a critic it does where there is a new
+        best rollout: else what it learns by place would be as before.
+        """
+        search = searched.search
+        return isinstance(search, PolicySearch) or cast(CriticSearch, search).has_improved
 
     def _sampler(self) -> PointSampler:
         cnmp, known = self.policy.cnmp, self.training_set()
@@ -237,14 +255,21 @@ class ACNMP(AdaptiveAlgorithm):
         )
 
     def _tried(self, searched: list[ContextSearch]) -> list[tuple[th.Tensor, th.Tensor]]:
-        """Return each context's normalised trajectories (N, T, D) and their advantages (N, T)."""
-        cnmp, pairs = self.policy.cnmp, []
+        """Return each context's normalised trajectories (N, T, D) and their weights (N, T)."""
+        cnmp, settings, pairs = self.policy.cnmp, self.adaptation, []
         for each in searched:
             rollouts = self._learned_from(cast(CriticSearch | PolicySearch, each.search))
             trajectories = cnmp.normalise(cnmp.times.new_tensor(rollouts.trajectories))
-            weights = cnmp.times.new_tensor(advantages(self.adaptation.advantage, rollouts))
-            pairs.append((trajectories, weights))
+            weights = advantages(settings.advantage, rollouts, settings.temperature)
+            pairs.append((trajectories, cnmp.times.new_tensor(settings.reward_weight * weights)))
         return pairs
+
+    def _found(self, solved: list[ContextSearch]) -> list[tuple[th.Tensor, th.Tensor]]:
+        """Return each solution as `_tried` does, as if it were the only rollout (VIII)."""
+        cnmp = self.policy.cnmp
+        trajectories = [cast(NDArray[np.float32], each.solution)[None] for each in solved]
+        weight = cnmp.times.new_full((1, len(cnmp.times)), self.adaptation.reward_weight)
+        return [(cnmp.normalise(cnmp.times.new_tensor(each)), weight) for each in trajectories]
 
     def _policy_gradient_loss(
         self, searched: list[ContextSearch], tried: list[tuple[th.Tensor, th.Tensor]]
@@ -260,8 +285,8 @@ class ACNMP(AdaptiveAlgorithm):
         return loss / len(searched)
 
     def _learned_from(self, search: CriticSearch | PolicySearch) -> Generation:
-        """Return the rollouts of the policy gradient: all of them if a critic chose them."""
-        if isinstance(search, CriticSearch) and self.adaptation.advantage == "place":
+        """Return the rollouts of the policy gradient: all of them if they learn by place."""
+        if self.adaptation.advantage == "place":
             return Generation.concatenate(search.rollouts)
         return search.rollouts[-1]
 

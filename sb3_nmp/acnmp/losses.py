@@ -11,7 +11,7 @@ from sb3_nmp.common.rollouts import Generation
 FloatArray = NDArray[np.float64]
 
 
-def advantages(kind: Advantage, rollouts: Generation, temperature: float = 2.0) -> FloatArray:
+def advantages(kind: Advantage, rollouts: Generation, temperature: float = 1.5) -> FloatArray:
     """Return by how much each rollout is better than the others at each time, shape (N, T).
 
     ``"to_go"`` and ``"step"`` are centred over the rollouts and scaled to a standard deviation of

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Literal, get_args
 
 from sb3_nmp.bayesian.settings import ShapedExploration
 from sb3_nmp.common.exceptions import ConfigurationError
-from sb3_nmp.common.settings import Presets, settings_name
+from sb3_nmp.common.settings import Presets, Rules, check_rules, settings_name
 
 #: ``"to_go"``: the reward from each time on (Eq. 5.2); ``"step"``: the reward at each time (the
 #: original code); ``"place"``: by place among all rollouts of the context
@@ -32,12 +32,21 @@ class ACNMPExploration(ShapedExploration):
     :param n_latents: how many of these axes
     :param context: along the task parameters at which the CNMP is queried: the root mean square
         over time
+    :param growth: factor on the radius after a generation with a new best rollout, without a critic
+    :param shrinkage: factor on the radius after any other generation, without a critic
+    :param radius_limits: smallest and largest radius, without a critic
+    :param retry_answer: without a critic, each generation tries the policy's answer too, as the
+        thesis's pairs of rollouts do
     :raises ConfigurationError: a value outside its range, or nothing to explore
     """
 
     latent: float = 0.5
     n_latents: int = 3
     context: float = 0.0
+    growth: float = 1.25
+    shrinkage: float = 0.9
+    radius_limits: tuple[float, float] = (0.02, 1.5)
+    retry_answer: bool = False
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         **ShapedExploration.presets,
@@ -47,9 +56,16 @@ class ACNMPExploration(ShapedExploration):
     def __post_init__(self) -> None:
         """Check the values."""
         super().__post_init__()
-        for name in ("latent", "n_latents", "context"):
-            if not getattr(self, name) >= 0:
-                raise ConfigurationError(f"{name} is {getattr(self, name)}; it must be >= 0.")
+        low, high = self.radius_limits
+        rules: Rules = {
+            "latent": (self.latent >= 0, ">= 0"),
+            "n_latents": (self.n_latents >= 0, ">= 0"),
+            "context": (self.context >= 0, ">= 0"),
+            "growth": (self.growth >= 1, ">= 1"),
+            "shrinkage": (0 < self.shrinkage <= 1, "in (0, 1]"),
+            "radius_limits": (0 < low <= high, "(low, high) with 0 < low <= high"),
+        }
+        check_rules(self, rules)
         if not (self.noise or self.context or (self.latent and self.n_latents)):
             raise ConfigurationError(
                 "nothing is explored: one of latent, context, noise must be > 0."
@@ -61,15 +77,20 @@ class ACNMPExploration(ShapedExploration):
 class ACNMPAdaptation(Presets):
     """How ACNMP's network goes on learning after each generation of a search.
 
-    ``ACNMPAdaptation.preset("stream")`` learns from solutions alone, in longer training.
+    Presets: ``"stream"`` learns from solutions alone, in longer training; ``"to_go"`` and
+    ``"step"`` have these advantages, in short training: what is pushed away from a bad rollout has
+    no bound, so more of it leaves all that was learned.
 
     >>> from sb3_nmp import ACNMPAdaptation
     >>> ACNMPAdaptation.preset("stream").n_assimilation_steps
     200
 
     :param advantage: of the policy gradient: ``"to_go"`` is the reward from each time on (Eq. 5.2),
-        ``"step"`` the reward at each time (the original code), ``"place"`` goes by the place among
-        the rollouts of the context
+        ``"step"`` the reward at each time (the original code), both of the last generation;
+        ``"place"`` goes by the place among all rollouts of the context
+    :param temperature: of ``"place"``, in places: how fast the weight falls with the place
+    :param reward_weight: of the policy gradient beside the likelihood. With too little the network
+        stays behind its best rollouts, for its likelihood holds it back
     :param supervised: train on demonstrations between the policy gradient steps; False is the
         thesis's RL-only ablation
     :param n_training_steps: pairs of alternating steps after a generation; 0 leaves the policy
@@ -79,20 +100,28 @@ class ACNMPAdaptation(Presets):
     """
 
     advantage: Advantage = "place"
+    temperature: float = 1.5
+    reward_weight: float = 100.0
     supervised: bool = True
-    n_training_steps: int = 10
+    n_training_steps: int = 50
     n_assimilation_steps: int = 50
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "stream": {"n_training_steps": 0, "n_assimilation_steps": 200}
+        "stream": {"n_training_steps": 0, "n_assimilation_steps": 200},
+        **{
+            advantage: {"advantage": advantage, "reward_weight": 5.0, "n_training_steps": 30}
+            for advantage in ("to_go", "step")
+        },
     }
 
     def __post_init__(self) -> None:
         """Check the values."""
-        if self.advantage not in get_args(Advantage):
-            raise ConfigurationError(
-                f"no advantage '{self.advantage}'; there are {', '.join(get_args(Advantage))}."
-            )
-        for name in ("n_training_steps", "n_assimilation_steps"):
-            if getattr(self, name) < 0:
-                raise ConfigurationError(f"{name} is {getattr(self, name)}; it must be >= 0.")
+        known = get_args(Advantage)
+        rules: Rules = {
+            "advantage": (self.advantage in known, f"one of {', '.join(known)}"),
+            "temperature": (self.temperature > 0, "> 0"),
+            "reward_weight": (self.reward_weight >= 0, ">= 0"),
+            "n_training_steps": (self.n_training_steps >= 0, ">= 0"),
+            "n_assimilation_steps": (self.n_assimilation_steps >= 0, ">= 0"),
+        }
+        check_rules(self, rules)

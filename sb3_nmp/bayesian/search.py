@@ -71,19 +71,23 @@ class TrustRegion:
     a few rollouts, and each one counts.
 
     :param radius: in standard deviations of the exploration
-    :param settings: limits and factors
+    :param growth: factor after a success
+    :param shrinkage: factor without one
+    :param limits: of the radius
     """
 
     radius: float
-    settings: ACNMPCritic
+    growth: float
+    shrinkage: float
+    limits: tuple[float, float]
 
     def update(self, improved: bool) -> None:
         """Grow or shrink.
 
         :param improved: whether the last generation has a new best rollout
         """
-        factor = self.settings.growth if improved else self.settings.shrinkage
-        self.radius = float(np.clip(self.radius * factor, *self.settings.radius_limits))
+        factor = self.growth if improved else self.shrinkage
+        self.radius = float(np.clip(self.radius * factor, *self.limits))
 
 
 @dataclass
@@ -101,6 +105,7 @@ class CriticSearch:
     :param settings: of the critic
     :param points: coordinates of the rollouts so far, shape (N, n)
     :param rollouts: what is known of them, oldest generation first
+    :param has_improved: whether the last generation has a new best rollout
     """
 
     space: Subspace
@@ -108,11 +113,13 @@ class CriticSearch:
     settings: ACNMPCritic = field(default_factory=ACNMPCritic)
     points: FloatArray = field(init=False)
     rollouts: list[Generation] = field(default_factory=list)
+    has_improved: bool = False
 
     def __post_init__(self) -> None:
         """Start without rollouts."""
         self.points = np.empty((0, self.space.size))
-        self.region = TrustRegion(self.radius, self.settings)
+        s = self.settings
+        self.region = TrustRegion(self.radius, s.growth, s.shrinkage, s.radius_limits)
         self._hypotheses = Hypotheses(
             views(self.space.directions, self.settings.n_moments),
             self.settings.lengths,
@@ -186,8 +193,9 @@ class CriticSearch:
         before = self.rewards
         self.points = np.concatenate([self.points, self.space.coordinates(rollouts.trajectories)])
         self.rollouts.append(rollouts)
+        self.has_improved = bool(rollouts.rewards.max() > before.max(initial=-np.inf))
         if len(before) > 1:
-            self.region.update(bool(rollouts.rewards.max() > before.max()))
+            self.region.update(self.has_improved)
 
 
 def best_and_newest(rewards: FloatArray, n: int) -> NDArray[np.intp]:

@@ -59,7 +59,9 @@ class MemberLinear(nn.Module):
         return found.view(*inputs.shape[:-1], -1)
 
 
-def linear(inputs: int, outputs: int, n_members: int = 1, bias: bool = True) -> nn.Module:
+def linear(
+    inputs: int, outputs: int, n_members: int = 1, bias: bool = True
+) -> nn.Linear | MemberLinear:
     """Return a linear layer, or one for each member.
 
     :param inputs: size of the input
@@ -165,7 +167,7 @@ class TrajectoryDecoder(nn.Module):
         self.from_latent = linear(inputs, arch[0], n_members, bias=False)
         self.activation = activation_fn()
         self.layers = mlp([*arch, outputs], activation_fn, n_members)
-        self.trend: nn.Module | None = None
+        self.trend: nn.Linear | MemberLinear | None = None
         if trend_dim:
             self.trend = linear(inputs, (self.features.n_features + 1) * trend_dim, n_members)
             for parameter in self.trend.parameters():

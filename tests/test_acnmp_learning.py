@@ -1,0 +1,154 @@
+"""That ACNMP's network learns by its policy gradient and drives the search (thesis 5.1, VI-VII).
+
+Each test fails by name where the gradient is taken out, where its sign is wrong, or where the
+search does not follow the network.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch as th
+
+from sb3_nmp import ACNMP, ACNMPAdaptation, ACNMPExploration, Demonstrations
+from sb3_nmp.acnmp import algorithm
+from sb3_nmp.acnmp.losses import policy_gradient_loss
+from sb3_nmp.acnmp.search import PolicySearch
+from sb3_nmp.bayesian.search import Subspace
+from sb3_nmp.common.rollouts import Generation
+from tests.test_acnmp import SHOWN, SMALL, Reach, T, build, expert
+
+GOAL = np.array([0.5], np.float32)
+#: how much higher than demonstrated a trajectory has to end
+HIGHER = 0.5
+
+
+class Higher(Reach):
+    """Where the demonstrations do not suffice: end higher than they do."""
+
+    def step(self, action: Any) -> Any:
+        return super().step(action - HIGHER)
+
+
+@pytest.fixture(scope="module")
+def demonstrations() -> Demonstrations:
+    return Demonstrations(SHOWN, expert(SHOWN))
+
+
+@pytest.fixture(scope="module")
+def pretrained(demonstrations: Demonstrations) -> dict[str, th.Tensor]:
+    model = build(demonstrations, Reach(float(GOAL[0]))).pretrain()
+    return {name: value.clone() for name, value in model.policy.state_dict().items()}
+
+
+def driven(
+    demonstrations: Demonstrations,
+    pretrained: dict[str, th.Tensor],
+    n_rollouts: int = 60,
+    **settings: Any,
+) -> ACNMP:
+    """Return a model whose network drove a search, without any solution to assimilate."""
+    env = Higher(float(GOAL[0]), tolerance=-1.0)  # no rollout succeeds: only the gradient teaches
+    kinds = {"search": "policy", "population_size": 5, **settings}
+    model = build(demonstrations, env, **kinds)
+    model.policy.load_state_dict(pretrained)
+    model.is_pretrained = True
+    return model.learn(n_rollouts)
+
+
+def miss(model: ACNMP) -> float:
+    """Return by how much the network's own answer misses the goal."""
+    answered = model.policy.own_answer(GOAL[None])
+    assert answered is not None
+    return abs(float(answered[0, -1, 0] - GOAL[0] - HIGHER))
+
+
+def drift(demonstrations: Demonstrations, pretrained: dict[str, th.Tensor], **more: Any) -> float:
+    """Return the median of `miss` over three searches."""
+    runs = (driven(demonstrations, pretrained, seed=seed, **more) for seed in range(3))
+    return float(np.median([miss(model) for model in runs]))
+
+
+@pytest.mark.parametrize(
+    "adaptation",
+    [ACNMPAdaptation(), ACNMPAdaptation.preset("to_go"), ACNMPAdaptation.preset("step")],
+    ids=["place", "to_go", "step"],
+)
+def test_the_networks_own_answer_learns_by_the_policy_gradient(
+    demonstrations: Demonstrations,
+    pretrained: dict[str, th.Tensor],
+    adaptation: ACNMPAdaptation,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    learned = drift(demonstrations, pretrained, adaptation=adaptation)
+    off = replace(adaptation, n_training_steps=0)
+    still = drift(demonstrations, pretrained, adaptation=off)
+    assert learned < 0.5 * still
+
+    def negated(*args: Any) -> th.Tensor:
+        return -policy_gradient_loss(*args)
+
+    monkeypatch.setattr(algorithm, "policy_gradient_loss", negated)
+    assert drift(demonstrations, pretrained, adaptation=adaptation, n_rollouts=20) > still
+
+
+def test_with_a_learning_rate_of_nearly_0_the_search_stays_where_it_is(
+    demonstrations: Demonstrations, pretrained: dict[str, th.Tensor]
+) -> None:
+    def last(rate: float) -> float:
+        model = driven(demonstrations, pretrained, learning_rate=rate)
+        return float(searched(model).rollouts[-1].rewards.mean())
+
+    assert last(1e-3) > 0.5 * last(1e-12)  # rewards are negative
+
+
+def searched(model: ACNMP) -> PolicySearch:
+    """Return the search that is under way."""
+    found = model.searches[0].search
+    assert isinstance(found, PolicySearch)
+    return found
+
+
+def test_the_search_follows_the_network(
+    demonstrations: Demonstrations, pretrained: dict[str, th.Tensor]
+) -> None:
+    model = driven(demonstrations, pretrained, 20)
+    answered = model.policy.own_answer(GOAL[None])
+    assert answered is not None
+    np.testing.assert_allclose(searched(model).space.origin, answered[0], atol=1e-5)
+
+
+def test_what_the_network_learns_by_place_comes_from_all_rollouts(
+    demonstrations: Demonstrations, pretrained: dict[str, th.Tensor]
+) -> None:
+    model = driven(demonstrations, pretrained, 20)
+    assert len(model._learned_from(searched(model))) == 20
+    model.adaptation = ACNMPAdaptation("to_go")
+    assert len(model._learned_from(searched(model))) == 5
+
+
+def test_the_draws_shrink_without_a_new_best_rollout_and_grow_with_one() -> None:
+    rng = np.random.default_rng(0)
+    space = Subspace(np.zeros((T, 1)), rng.standard_normal((3, T, 1)))
+    settings = ACNMPExploration(radius=0.8, growth=2.0, shrinkage=0.5, radius_limits=(0.3, 1.0))
+    search, radii = PolicySearch(space, settings), []
+    for rewards in ([-3.0, -2.0], [-1.0, -2.0], [-4.0, -4.0], [-4.0, -4.0], [0.0, -4.0]):
+        tried = search.ask(2, rng).astype(np.float32)
+        contexts, none = np.zeros((2, 1), np.float32), np.zeros(2, bool)
+        search.tell(Generation(contexts, tried, np.array(rewards), none))
+        radii.append(search.region.radius)
+    assert radii == [0.8, 1.0, 0.5, 0.3, 0.6]
+
+
+def test_a_found_solution_becomes_the_networks_own_answer_beside_a_critic(
+    demonstrations: Demonstrations, pretrained: dict[str, th.Tensor]
+) -> None:
+    """The memory's answer succeeds anyway; the network's has to be learned."""
+    model = build(demonstrations, Higher(float(GOAL[0])), policy_kwargs={"cnmp": SMALL})
+    model.policy.load_state_dict(pretrained)
+    model.is_pretrained = True
+    before = miss(model)
+    model.learn(40)
+    assert before > 0.1
+    assert miss(model) < 0.05  # the tolerance of `Reach`
