@@ -45,6 +45,8 @@ TWINS = {
     "quadratic": "quadratic",
     "Gaussian process": "gaussian-process",
 }
+#: settings of ACNMP without a critic: the policy gradient moves the network, the search follows it
+NETWORK_DRIVES: dict[str, object] = {"search": "policy", "population_size": 5}
 #: setting of a critic that does not see the reward's terms
 SUM_ALONE: dict[str, object] = {"critic": ACNMPCritic(terms=False)}
 
@@ -75,6 +77,10 @@ def twins(*names: str, **settings: object) -> dict[str, Algorithm]:
     return {f"twin, {name}": twin(name, **settings) for name in names}
 
 
+#: context in the decoder, no trend, one network
+THESIS_NETWORK = CNMPArchitecture(context_in_decoder=True, linear_trend=False, n_members=1)
+
+
 def thesis_acnmp(**settings: object) -> Algorithm:
     """Return ACNMP with the thesis's search and the constants of its published code for Push.
 
@@ -97,7 +103,7 @@ def thesis_acnmp(**settings: object) -> Algorithm:
             shrinkage=1.0,
             retry_answer=True,
         ),
-        "policy_kwargs": {"cnmp": CNMPArchitecture(context_in_decoder=True, linear_trend=False)},
+        "policy_kwargs": {"cnmp": THESIS_NETWORK},
     }
     described = "policy gradient, noise and network as in the thesis"
     return replace(ACNMP, settings=constants | settings, description=described)

@@ -84,7 +84,7 @@ def test_the_networks_own_answer_learns_by_the_policy_gradient(
     learned = drift(demonstrations, pretrained, adaptation=adaptation)
     off = replace(adaptation, n_training_steps=0)
     still = drift(demonstrations, pretrained, adaptation=off)
-    assert learned < 0.5 * still
+    assert learned < 0.7 * still
 
     def negated(*args: Any) -> th.Tensor:
         return -policy_gradient_loss(*args)

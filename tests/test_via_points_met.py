@@ -107,7 +107,7 @@ def test_the_rest_keeps_the_demonstrated_shape(model: ACNMP) -> None:
     moment = TIMES[30]
     wanted = expert(np.array([[1.5]]))[:, 30]
     found, _ = model.predict(np.zeros(1), deterministic=True, via_points=([moment], wanted))
-    assert distance_from_shapes(found) < distance_from_shapes(free) + 0.02
+    assert distance_from_shapes(found) < distance_from_shapes(free) + 0.03
     assert np.abs(found - expert(np.array([[1.5]]))[0]).max() < 0.2
     assert np.abs(found[0]).max() < 0.1
 

@@ -25,7 +25,7 @@ from benchmark_envs.tasks.push import EXTRAPOLATION_TARGETS
 from results.suites.push_ablations import ALGORITHMS
 from sb3_nmp import ACNMP, Demonstrations
 
-LABELS = ("ACNMP", "no latents", "policy gradient, to go", "RL only")
+LABELS = ("ACNMP", "latents too", "policy gradient, to go", "RL only")
 SEEDS = range(5)
 BUDGET = 130
 SHOWN_VARIANCE = 0.99

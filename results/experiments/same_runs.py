@@ -1,6 +1,6 @@
 """Whether a change of structure left the runs as they were, bit for bit.
 
-``python -m results.experiments.same_runs record before.json`` does some 40 short runs, of each
+``python -m results.experiments.same_runs record before.json`` does some 70 short runs, of each
 algorithm, protocol and task, and writes what they gave;
 ``python -m results.experiments.same_runs compare before.json after.json`` names the runs that
 differ. Record both on one machine: the last bits depend on the processor.

@@ -13,7 +13,8 @@ from torch import nn
 from torch.distributions import Normal
 
 from results.sampling.curves import FloatArray
-from sb3_nmp import Demonstrations, RCNMPTraining
+from sb3_nmp import CNMPArchitecture, Demonstrations, RCNMPTraining
+from sb3_nmp.models.cnmp import CNMP
 from sb3_nmp.models.cnmp_training import CNMPPretraining, cosine, pretrain
 from sb3_nmp.models.neural_process import NeuralProcess
 from sb3_nmp.rcnmp.training import batches, elbo
@@ -159,7 +160,8 @@ def train_cnmp(demonstrations: FloatArray, seed: int, n_steps: int) -> Normal:
     th.manual_seed(seed)
     shown = Demonstrations(np.zeros((len(demonstrations), 1)), demonstrations)
     settings = CNMPPretraining(n_steps=n_steps)
-    cnmp = pretrain(shown, settings, np.random.default_rng(seed))
+    one = CNMP(shown.context_dim, shown.trajectory_shape, CNMPArchitecture(n_members=1))
+    cnmp = pretrain(shown, settings, np.random.default_rng(seed), one)
     condition = cnmp.condition(th.zeros(1, 1))
     time, value = START
     with th.no_grad():

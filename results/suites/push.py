@@ -4,7 +4,18 @@ from dataclasses import replace
 
 from benchmark_envs.tasks.push import EXTRAPOLATION_TARGETS, TARGETS
 from results.adaptation.protocol import LeaveOneOut
-from results.algorithms import ACNMP, CMAES, EWERTON, RCNMP, REPS, STARK, TWINS, thesis_acnmp, twins
+from results.algorithms import (
+    ACNMP,
+    CMAES,
+    EWERTON,
+    NETWORK_DRIVES,
+    RCNMP,
+    REPS,
+    STARK,
+    TWINS,
+    thesis_acnmp,
+    twins,
+)
 from results.harness.suite import Recipe
 from sb3_nmp import ACNMPExploration, ShapedExploration
 
@@ -15,6 +26,7 @@ RCNMP_FREE = replace(RCNMP, settings={"pd_controller": None}, pretrained=False)
 CMAES_CONTEXT = replace(CMAES, settings={"n_bases": 4, "context_std": 0.3, "shaped": 0.99})
 ALGORITHMS = {
     "ACNMP": replace(ACNMP, settings={"exploration": EXPLORATION}),
+    "ACNMP, network drives": replace(ACNMP, settings=NETWORK_DRIVES | {"exploration": EXPLORATION}),
     **twins(*TWINS, exploration=ShapedExploration.preset("push")),
     "ACNMP (thesis)": thesis_acnmp(),
     "CMA-ES residual": replace(

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from results.algorithms import ACNMP, twins
+from results.algorithms import ACNMP, TWINS, twins
 from results.harness.specification import Algorithm
 from results.harness.suite import Recipe
 from results.suites.push import ALGORITHMS as PUSH_ALGORITHMS
@@ -18,19 +18,22 @@ def acnmp(**settings: object) -> Algorithm:
     return replace(ACNMP, settings={"exploration": EXPLORATION, **settings})
 
 
-# The last four sample around the policy's mean, as the thesis does.
+# In the last five the network drives the search, as in the thesis.
 ALGORITHMS = {
     "ACNMP": PUSH_ALGORITHMS["ACNMP"],
-    "no latents": acnmp(exploration=replace(EXPLORATION, latent=0.0)),
-    "latents only": acnmp(exploration=replace(EXPLORATION, noise=0.0, n_latents=6)),
+    "one network": acnmp(policy_kwargs={"cnmp": CNMPArchitecture(n_members=1)}),
+    "no policy gradient": acnmp(adaptation=ACNMPAdaptation(n_training_steps=0)),
+    "latents too": acnmp(exploration=replace(EXPLORATION, latent=0.5)),
+    "latents only": acnmp(exploration=replace(EXPLORATION, latent=0.5, noise=0.0, n_latents=6)),
     "contexts too": acnmp(exploration=replace(EXPLORATION, context=0.5)),
     "noise not shaped": acnmp(exploration=replace(EXPLORATION, shaped=0.0)),
     "noise half shaped": acnmp(exploration=replace(EXPLORATION, shaped=0.5)),
     "no pull": acnmp(critic=ACNMPCritic(pull=0.0)),
-    **twins("nearest", exploration=ShapedExploration.preset("push")),
+    **twins(*TWINS, exploration=ShapedExploration.preset("push")),
     "thesis's decoder": acnmp(
         policy_kwargs={"cnmp": CNMPArchitecture(context_in_decoder=True, linear_trend=False)}
     ),
+    "ACNMP, network drives": PUSH_ALGORITHMS["ACNMP, network drives"],
     "policy gradient, to go": acnmp(search="policy", adaptation=ACNMPAdaptation.preset("to_go")),
     "policy gradient, steps": acnmp(search="policy", adaptation=ACNMPAdaptation.preset("step")),
     "policy gradient, pairs": acnmp(
@@ -39,7 +42,7 @@ ALGORITHMS = {
     "RL only": acnmp(
         search="policy",
         adaptation=replace(ACNMPAdaptation.preset("to_go"), supervised=False),
-        exploration=replace(EXPLORATION, latent=0.0, shaped=0.0),
+        exploration=replace(EXPLORATION, shaped=0.0),
     ),
 }
 BEYOND = tuple(protocol for protocol in PROTOCOLS if protocol.extrapolation)

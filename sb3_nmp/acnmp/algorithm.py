@@ -53,9 +53,8 @@ class ACNMP(AdaptiveAlgorithm):
 
     Where this departs from the thesis: a generation has ``population_size`` rollouts instead of
     two; the policy gradient weighs all rollouts of the context by their place instead of the last
-    ones by their advantage; how far is explored adapts as a trust region does; a solution is
-    learned at its whole length. What each part brings is measured in
-    ``results/experiments/acnmp.md``. The critic reads the reward's terms
+    ones by their advantage; how far is explored adapts as a trust region does. What each part
+    brings is measured in ``results/experiments/acnmp.md``. The critic reads the reward's terms
     (``info["reward_<term>"]``) where the environment tells them, unless
     ``ACNMPCritic(terms=False)``.
 
@@ -215,7 +214,6 @@ class ACNMP(AdaptiveAlgorithm):
         n_gradients = settings.n_training_steps if improving else 0
         n_steps = n_gradients + (settings.n_assimilation_steps if solved else 0)
         tried = self._tried(improving) if n_gradients else []
-        found = self._found(solved) if settings.n_training_steps else []
         highest = self.lr_schedule(self._current_progress_remaining)
         for step, batch in enumerate(self._sampler().draw(n_steps)):
             update_learning_rate(policy.optimizer, cosine(highest, step / n_steps))
@@ -224,8 +222,6 @@ class ACNMP(AdaptiveAlgorithm):
                 losses.append(negative_log_likelihood(policy.cnmp.network, batch))
             if step < n_gradients:
                 losses.append(self._policy_gradient_loss(improving, tried))
-            elif found:
-                losses.append(self._policy_gradient_loss(solved, found))
             for loss in losses:
                 policy.optimizer.zero_grad()
                 loss.backward()
@@ -252,6 +248,7 @@ class ACNMP(AdaptiveAlgorithm):
             cnmp.normalise(cnmp.times.new_tensor(known.trajectories)),
             cnmp.condition(cnmp.times.new_tensor(known.contexts)),
             self.rng,
+            cnmp.network.n_members,
         )
 
     def _tried(self, searched: list[ContextSearch]) -> list[tuple[th.Tensor, th.Tensor]]:
@@ -263,13 +260,6 @@ class ACNMP(AdaptiveAlgorithm):
             weights = advantages(settings.advantage, rollouts, settings.temperature)
             pairs.append((trajectories, cnmp.times.new_tensor(settings.reward_weight * weights)))
         return pairs
-
-    def _found(self, solved: list[ContextSearch]) -> list[tuple[th.Tensor, th.Tensor]]:
-        """Return each solution as `_tried` does, as if it were the only rollout (VIII)."""
-        cnmp = self.policy.cnmp
-        trajectories = [cast(NDArray[np.float32], each.solution)[None] for each in solved]
-        weight = cnmp.times.new_full((1, len(cnmp.times)), self.adaptation.reward_weight)
-        return [(cnmp.normalise(cnmp.times.new_tensor(each)), weight) for each in trajectories]
 
     def _policy_gradient_loss(
         self, searched: list[ContextSearch], tried: list[tuple[th.Tensor, th.Tensor]]

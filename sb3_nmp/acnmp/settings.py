@@ -40,18 +40,13 @@ class ACNMPExploration(ShapedExploration):
     :raises ConfigurationError: a value outside its range, or nothing to explore
     """
 
-    latent: float = 0.5
+    latent: float = 0.0
     n_latents: int = 3
     context: float = 0.0
     growth: float = 1.25
     shrinkage: float = 0.9
     radius_limits: tuple[float, float] = (0.02, 1.5)
     retry_answer: bool = False
-
-    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        **ShapedExploration.presets,
-        "stream": {**ShapedExploration.presets["stream"], "latent": 0.25},
-    }
 
     def __post_init__(self) -> None:
         """Check the values."""

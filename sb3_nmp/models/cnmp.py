@@ -64,7 +64,7 @@ class CNMPArchitecture(Presets):
     n_frequencies: int = 8
     min_std: float = 0.02
     activation_fn: type[nn.Module] = nn.ReLU
-    n_members: int = 1
+    n_members: int = 5
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"stream": {"context_in_decoder": True}}
 
