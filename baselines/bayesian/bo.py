@@ -17,6 +17,7 @@ from sb3_nmp.bayesian.shaped_noise import shaped_directions
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
 from sb3_nmp.common.context_search import ContextSearch
 from sb3_nmp.common.demonstrations import Demonstrations
+from sb3_nmp.common.rollouts import Information
 from sb3_nmp.common.settings import Rules
 
 
@@ -57,6 +58,12 @@ class BO(AdaptiveAlgorithm):
         super().__init__(
             policy, env, population_size=population_size, max_generations=max_generations, **shared
         )
+
+    @property
+    def information(self) -> frozenset[Information]:
+        """Terms besides, where the critic sees them."""
+        terms = {Information.TERMS} if self.critic.terms else set[Information]()
+        return super().information | terms
 
     def _rules(self) -> Rules:
         shaped = type(self.exploration) is ShapedExploration and self.exploration.noise > 0

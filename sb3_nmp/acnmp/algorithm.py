@@ -110,9 +110,9 @@ class ACNMP(AdaptiveAlgorithm):
 
     @property
     def information(self) -> frozenset[Information]:
-        """Terms besides for a critic; step rewards for an advantage that is not the place."""
+        """Terms besides for a critic that sees them; step rewards for the advantages they make."""
         settings, told = self.adaptation, set(super().information)
-        if self.search == "critic":
+        if self.search == "critic" and self.critic.terms:
             told.add(Information.TERMS)
         if settings.n_training_steps > 0 and settings.advantage != "place":
             told.add(Information.STEP_REWARDS)
