@@ -162,7 +162,6 @@ class ACNMP(AdaptiveAlgorithm):
         """
         if via_points is None:
             return super().predict(observation, state, episode_start, deterministic)
-        self.policy.warn_of_contexts(observation)
         contexts, vectorized = self.policy.obs_to_tensor(observation)
         with th.no_grad():
             passing = self.policy.through(cast(th.Tensor, contexts), via_points, deterministic)
@@ -187,7 +186,6 @@ class ACNMP(AdaptiveAlgorithm):
         :return: arrays of shape (T, D), or (N, T, D), in the trajectory's unit
         :raises InvalidDataError: as `predict` does
         """
-        self.policy.warn_of_contexts(context)
         contexts, vectorized = self.policy.obs_to_tensor(context)
         with th.no_grad():
             found = self.policy.distribution(cast(th.Tensor, contexts), via_points)
