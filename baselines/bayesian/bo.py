@@ -26,8 +26,8 @@ class BO(AdaptiveAlgorithm):
 
     It is `sb3_nmp.ACNMP` without its network: a context is answered by regression on contexts that
     are solved (``policy_kwargs={"regression": ...}``, see `BOPolicy`), and where that is not
-    satisfactory, the same critic searches in the same noise, but for directions of a latent space.
-    A solved context joins those that are regressed on.
+    satisfactory, the same critic searches in the same noise. A solved context joins those that are
+    regressed on.
 
     >>> import benchmark_envs
     >>> shown = Demonstrations.from_task("nmp/Bottles-v0", 3, seed=0)

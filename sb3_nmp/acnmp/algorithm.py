@@ -36,13 +36,13 @@ SearchKind = Literal["critic", "policy"]
 class ACNMP(AdaptiveAlgorithm):
     """Adaptive conditional neural movement primitives.
 
-    The steps are those of Fig. 5.1. (I) A CNMP is trained on the demonstrations (Eq. 4.1).
-    (II-IV) It answers each context with a trajectory, which is executed. (V) Where that is not
-    satisfactory, a search begins. (VI) Rollouts explore directions that the latent space of the
-    demonstrations gives, beside smooth noise that is shaped like them (`ACNMPExploration`). (VII)
-    The network is trained on these rollouts by policy gradient (Eq. 5.2) and on the demonstrations
-    by likelihood (Eq. 4.1) in alternating steps. (VIII) A solved context is assimilated: its
-    trajectory joins the demonstrations.
+    The steps are those of Fig. 5.1. (I) A CNMP is trained on the demonstrations (Eq. 4.1). (II-IV)
+    It answers each context with a trajectory, which is executed. (V) Where that is not
+    satisfactory, a search begins. (VI) Rollouts explore in smooth noise that is shaped like the
+    demonstrations, and in directions of their latent space if these are asked for
+    (`ACNMPExploration`). (VII) The network is trained on these rollouts by policy gradient (Eq.
+    5.2) and on the demonstrations by likelihood (Eq. 4.1) in alternating steps. (VIII) A solved
+    context is assimilated: its trajectory joins the demonstrations.
 
     With ``search="policy"`` the network drives the search, as in the thesis: each generation is
     drawn around its present answer. With ``search="critic"``, the default, a Gaussian process
