@@ -95,7 +95,6 @@ def thesis_acnmp(**settings: object) -> Algorithm:
         "learning_rate": 5e-5,
         "adaptation": ACNMPAdaptation("step", n_training_steps=100, reward_weight=1.0),
         "exploration": ACNMPExploration(
-            latent=0.0,
             n_bases=20,
             shaped=0.0,
             radius=0.5,

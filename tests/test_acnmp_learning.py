@@ -5,8 +5,10 @@ search does not follow the network.
 """
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch as th
@@ -17,6 +19,8 @@ from sb3_nmp.acnmp.losses import policy_gradient_loss
 from sb3_nmp.acnmp.search import PolicySearch
 from sb3_nmp.bayesian.search import Subspace
 from sb3_nmp.common.rollouts import Generation
+from tests import test_algorithms as contract
+from tests.registry import DEMONSTRATIONS, ENV_ID, POPULATION
 from tests.test_acnmp import SHOWN, SMALL, Reach, T, build, expert
 
 GOAL = np.array([0.5], np.float32)
@@ -152,3 +156,21 @@ def test_a_found_solution_becomes_the_networks_own_answer_beside_a_critic(
     model.learn(40)
     assert before > 0.1
     assert miss(model) < 0.05  # the tolerance of `Reach`
+
+
+@pytest.mark.parametrize("latent", [0.0, 0.5])
+def test_an_interrupted_search_that_the_network_drives_goes_on_as_if_it_was_not(
+    latent: float, tmp_path: Path
+) -> None:
+    """The contract tests resume a search by a critic."""
+    settings = {"search": "policy", "exploration": ACNMPExploration(latent=latent)}
+    n_rollouts, cut = 5 * POPULATION, 3 * POPULATION + 1
+    whole = contract.run(contract.build(ACNMP, **settings), n_rollouts)
+    first = contract.build(ACNMP, **settings)
+    begun = contract.run(first, cut)
+    first.save(tmp_path / "model")
+    first.save_replay_buffer(tmp_path / "buffer.npz")
+    loaded = ACNMP.load(tmp_path / "model", env=gym.make(ENV_ID), demonstrations=DEMONSTRATIONS)
+    loaded.load_replay_buffer(str(tmp_path / "buffer.npz"))
+    rest = contract.run(loaded, n_rollouts - cut, reset_num_timesteps=False)
+    np.testing.assert_array_equal(whole.trajectories, [*begun.trajectories, *rest.trajectories])

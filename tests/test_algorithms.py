@@ -83,6 +83,16 @@ def test_predict_answers_contexts_with_trajectories_inside_the_space(algorithm: 
 
 
 @EVERY
+def test_contexts_of_either_precision_are_answered_alike(algorithm: Algorithm) -> None:
+    model = build(algorithm).learn(2 * POPULATION)
+    space = model.observation_space
+    unseen = space.low + np.linspace(0.3, 0.6, 3)[:, None] * (space.high - space.low)
+    assert unseen.dtype == np.float64
+    answers = [model.predict(each, deterministic=True)[0] for each in (unseen, np.float32(unseen))]
+    np.testing.assert_array_equal(*answers)
+
+
+@EVERY
 def test_equal_seeds_give_equal_runs_and_different_seeds_do_not(algorithm: Algorithm) -> None:
     runs = [run(build(algorithm, seed=seed), 3 * POPULATION) for seed in (3, 3, 4)]
     assert_same_rollouts(runs[0], runs[1])

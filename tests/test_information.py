@@ -10,10 +10,17 @@ from numpy.typing import NDArray
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecEnv
 
-from baselines import CMAES, GA, REPS
+from baselines import BO, CMAES, GA, REPS
 from benchmark_envs import TrajectoryVecEnv
 from results.report.own_answer import SIGNS
-from sb3_nmp import ACNMP, RCNMP, ACNMPAdaptation, Demonstrations, TrajectoryAlgorithm
+from sb3_nmp import (
+    ACNMP,
+    RCNMP,
+    ACNMPAdaptation,
+    ACNMPCritic,
+    Demonstrations,
+    TrajectoryAlgorithm,
+)
 from sb3_nmp.common.policies import ElitePolicy
 from sb3_nmp.common.rollouts import TERM_PREFIX, Information
 from sb3_nmp.rcnmp.achievement import RCNMPAchievement
@@ -23,6 +30,7 @@ from tests.registry import ALGORITHMS, DEMONSTRATIONS, ENV_ID, POPULATION
 Algorithm = type[TrajectoryAlgorithm]
 BY_STEPS = {"search": "policy", "adaptation": ACNMPAdaptation("step", n_training_steps=3)}
 BY_TERMS_AND_STEPS = {"adaptation": ACNMPAdaptation("to_go", n_training_steps=3)}
+SUM_ALONE = {"critic": ACNMPCritic(terms=False)}
 VARYING = {"random_bottles": True}
 SMALL = {
     "skill": RCNMPSkill(n_members=2, prior_steps=(5, 5), reward_steps=(5, 5), ascent_steps=3),
@@ -32,6 +40,8 @@ CASES: dict[str, tuple[Algorithm, dict[str, Any], dict[str, Any]]] = {
     **{algorithm.__name__: (algorithm, {}, {}) for algorithm in ALGORITHMS},
     "ACNMP by steps": (ACNMP, BY_STEPS, {}),
     "ACNMP by terms and steps": (ACNMP, BY_TERMS_AND_STEPS, {}),
+    "ACNMP, sum alone": (ACNMP, SUM_ALONE, {}),
+    "BO, sum alone": (BO, SUM_ALONE, {}),
     "REPS, shown some": (REPS, {"demonstrations": DEMONSTRATIONS}, {}),
     "RCNMP, shown some": (RCNMP, {"demonstrations": DEMONSTRATIONS}, {}),
     "RCNMP over contexts": (RCNMP, {"policy_kwargs": SMALL}, VARYING),

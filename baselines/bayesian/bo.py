@@ -17,6 +17,7 @@ from sb3_nmp.bayesian.shaped_noise import shaped_directions
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
 from sb3_nmp.common.context_search import ContextSearch
 from sb3_nmp.common.demonstrations import Demonstrations
+from sb3_nmp.common.rollouts import Information
 from sb3_nmp.common.settings import Rules
 
 
@@ -25,8 +26,8 @@ class BO(AdaptiveAlgorithm):
 
     It is `sb3_nmp.ACNMP` without its network: a context is answered by regression on contexts that
     are solved (``policy_kwargs={"regression": ...}``, see `BOPolicy`), and where that is not
-    satisfactory, the same critic searches in the same noise, but for directions of a latent space.
-    A solved context joins those that are regressed on.
+    satisfactory, the same critic searches in the same noise. A solved context joins those that are
+    regressed on.
 
     >>> import benchmark_envs
     >>> shown = Demonstrations.from_task("nmp/Bottles-v0", 3, seed=0)
@@ -57,6 +58,12 @@ class BO(AdaptiveAlgorithm):
         super().__init__(
             policy, env, population_size=population_size, max_generations=max_generations, **shared
         )
+
+    @property
+    def information(self) -> frozenset[Information]:
+        """Terms besides, where the critic sees them."""
+        terms = {Information.TERMS} if self.critic.terms else set[Information]()
+        return super().information | terms
 
     def _rules(self) -> Rules:
         shaped = type(self.exploration) is ShapedExploration and self.exploration.noise > 0

@@ -38,7 +38,7 @@ OF_THESIS: dict[str, object] = {
     "learning_rate": 1e-4,
     "exploration_scale": 0.1,
     "exploration": ACNMPExploration(
-        latent=0.0, n_bases=50, shaped=0.0, radius=1.0, growth=1.0, shrinkage=1.0, retry_answer=True
+        n_bases=50, shaped=0.0, radius=1.0, growth=1.0, shrinkage=1.0, retry_answer=True
     ),
     "adaptation": ACNMPAdaptation("step", n_training_steps=50, reward_weight=1.0),
     "pretraining": CNMPPretraining.preset("stream"),

@@ -26,7 +26,10 @@ ALGORITHMS = {
     ),
     "no threshold": acnmp(reward_threshold=None),
     "one threshold": acnmp(reward_threshold=-0.1),
-    "no latents": acnmp(exploration=replace(ACNMPExploration.preset("stream"), latent=0.0)),
+    "one network": acnmp(
+        policy_kwargs={"cnmp": replace(CNMPArchitecture.preset("stream"), n_members=1)}
+    ),
+    "latents too": acnmp(exploration=replace(ACNMPExploration.preset("stream"), latent=0.5)),
     "context through latents": acnmp(policy_kwargs={}),
     "no linear trend": acnmp(
         policy_kwargs={"cnmp": CNMPArchitecture(context_in_decoder=True, linear_trend=False)}

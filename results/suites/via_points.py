@@ -18,8 +18,8 @@ from sb3_nmp import (
 #: bases of smooth deviations: a curve through six points bends more often than other tasks' paths;
 #: each method's number was chosen among a few (results/experiments/via_points.md)
 NARROW = 20
-#: of ACNMP; its only demonstration is a flat line, which has no latents
-EXPLORATION = ACNMPExploration(latent=0.0, n_bases=15)
+#: of ACNMP
+EXPLORATION = ACNMPExploration(n_bases=15)
 SHOWN_A_LINE = "its one demonstration is the initial trajectory"
 
 

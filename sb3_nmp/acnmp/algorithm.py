@@ -36,13 +36,13 @@ SearchKind = Literal["critic", "policy"]
 class ACNMP(AdaptiveAlgorithm):
     """Adaptive conditional neural movement primitives.
 
-    The steps are those of Fig. 5.1. (I) A CNMP is trained on the demonstrations (Eq. 4.1).
-    (II-IV) It answers each context with a trajectory, which is executed. (V) Where that is not
-    satisfactory, a search begins. (VI) Rollouts explore directions that the latent space of the
-    demonstrations gives, beside smooth noise that is shaped like them (`ACNMPExploration`). (VII)
-    The network is trained on these rollouts by policy gradient (Eq. 5.2) and on the demonstrations
-    by likelihood (Eq. 4.1) in alternating steps. (VIII) A solved context is assimilated: its
-    trajectory joins the demonstrations.
+    The steps are those of Fig. 5.1. (I) A CNMP is trained on the demonstrations (Eq. 4.1). (II-IV)
+    It answers each context with a trajectory, which is executed. (V) Where that is not
+    satisfactory, a search begins. (VI) Rollouts explore in smooth noise that is shaped like the
+    demonstrations, and in directions of their latent space if these are asked for
+    (`ACNMPExploration`). (VII) The network is trained on these rollouts by policy gradient (Eq.
+    5.2) and on the demonstrations by likelihood (Eq. 4.1) in alternating steps. (VIII) A solved
+    context is assimilated: its trajectory joins the demonstrations.
 
     With ``search="policy"`` the network drives the search, as in the thesis: each generation is
     drawn around its present answer. With ``search="critic"``, the default, a Gaussian process
@@ -110,9 +110,9 @@ class ACNMP(AdaptiveAlgorithm):
 
     @property
     def information(self) -> frozenset[Information]:
-        """Terms besides for a critic; step rewards for an advantage that is not the place."""
+        """Terms besides for a critic that sees them; step rewards for the advantages they make."""
         settings, told = self.adaptation, set(super().information)
-        if self.search == "critic":
+        if self.search == "critic" and self.critic.terms:
             told.add(Information.TERMS)
         if settings.n_training_steps > 0 and settings.advantage != "place":
             told.add(Information.STEP_REWARDS)
@@ -162,7 +162,6 @@ class ACNMP(AdaptiveAlgorithm):
         """
         if via_points is None:
             return super().predict(observation, state, episode_start, deterministic)
-        self.policy.warn_of_contexts(observation)
         contexts, vectorized = self.policy.obs_to_tensor(observation)
         with th.no_grad():
             passing = self.policy.through(cast(th.Tensor, contexts), via_points, deterministic)
@@ -187,7 +186,6 @@ class ACNMP(AdaptiveAlgorithm):
         :return: arrays of shape (T, D), or (N, T, D), in the trajectory's unit
         :raises InvalidDataError: as `predict` does
         """
-        self.policy.warn_of_contexts(context)
         contexts, vectorized = self.policy.obs_to_tensor(context)
         with th.no_grad():
             found = self.policy.distribution(cast(th.Tensor, contexts), via_points)

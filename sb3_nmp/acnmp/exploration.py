@@ -1,10 +1,10 @@
-"""Where ACNMP explores: directions in trajectory space that the latent space and noise give.
+"""Where ACNMP explores: directions in trajectory space that noise and the latent space give.
 
-The thesis claims that exploration comes from the latent space of the demonstrations (5.1). Here a
-trajectory is tried at ``answer + sum_j x_j direction_j``. There is a direction for each principal
-axis of the demonstrations' representations and for each task parameter, both seen through the
-decoder, and for each smooth basis over time in each dimension. The noise moves the dimensions
-together as the demonstrations do.
+A trajectory is tried at ``answer + sum_j x_j direction_j``. There is a direction for each smooth
+basis over time in each dimension; this noise moves the dimensions together as the demonstrations
+do. `ACNMPExploration` can add one for each principal axis of the demonstrations' representations
+and for each task parameter, both seen through the decoder. The thesis claims that exploration
+comes from the latent space of the demonstrations (5.1); by default, here none does.
 """
 
 import numpy as np
@@ -54,7 +54,7 @@ def directions(
 
 
 def latent_axes(cnmp: CNMP, demonstrations: Demonstrations, n_axes: int) -> th.Tensor:
-    """Return the principal axes of the demonstrations' representations, shape (<= n_axes, Z).
+    """Return the principal axes of the demonstrations' representations, (<= n_axes, E * Z).
 
     Each has the length of the representations' standard deviation along it.
 
@@ -73,7 +73,7 @@ def effects_of_latents(cnmp: CNMP, condition: th.Tensor, steps: th.Tensor) -> Fl
 
     :param cnmp: the network
     :param condition: of the context, shape (1, C)
-    :param steps: shape (n, Z)
+    :param steps: of all E members side by side, shape (n, E * Z)
     """
     centre, same = cnmp.representation(condition), condition.expand(len(steps), -1)
     change = cnmp.mean(same, centre + steps) - cnmp.mean(same, centre - steps)

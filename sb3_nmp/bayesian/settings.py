@@ -25,7 +25,7 @@ class ShapedExploration(Presets):
         as the demonstrations do; the rest is alike everywhere. So less is explored where all
         demonstrations agree, such as at a common start. Near 1 is best where the demonstrations
         span what is to be found, less where they all lack it
-    :param radius: of the first generation, and without a critic of all, in standard deviations
+    :param radius: of the first generation, in standard deviations of the exploration
     :raises ConfigurationError: a value outside its range
     """
 

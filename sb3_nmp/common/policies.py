@@ -64,36 +64,26 @@ class TrajectoryPolicy(BasePolicy):
         space = cast(spaces.Box, self.action_space)
         return np.clip(trajectories.cpu().numpy(), space.low, space.high).astype(np.float64)
 
-    def predict(
-        self,
-        observation: NDArray[Any] | dict[str, NDArray[Any]],
-        state: tuple[NDArray[Any], ...] | None = None,
-        episode_start: NDArray[Any] | None = None,
-        deterministic: bool = False,
-    ) -> tuple[NDArray[Any], tuple[NDArray[Any], ...] | None]:
-        """Return a trajectory for a context, or for each of several; see SB3.
+    def obs_to_tensor(
+        self, observation: NDArray[Any] | dict[str, NDArray[Any]]
+    ) -> tuple[PyTorchObs, bool]:
+        """Return the contexts that `predict` was asked, and whether these are several; see SB3.
 
-        A `ContextWarning` tells of a context outside the observation space.
+        A `ContextWarning` tells of contexts outside the observation space.
 
-        :param observation: context of shape (C,), or (N, C)
-        :param state: unused
-        :param episode_start: unused
-        :param deterministic: the greedy trajectory instead of a sample
-        :return: shape (T, D), or (N, T, D); and ``state``
+        :param observation: context of shape (C,), or (N, C), of any precision
+        :return: float32, shape (N, C)
         """
-        self.warn_of_contexts(observation)
-        return super().predict(observation, state, episode_start, deterministic)
+        observed, vectorized = super().obs_to_tensor(observation)
+        contexts = cast(th.Tensor, observed).float()
+        self._warn_of_contexts(contexts.cpu().numpy())
+        return contexts, vectorized
 
-    def warn_of_contexts(self, contexts: NDArray[Any] | dict[str, NDArray[Any]]) -> None:
-        """Warn, once, where contexts lie outside the observation space.
-
-        :param contexts: shape (C,), or (N, C); those of another shape are left to SB3's own check
-        """
+    def _warn_of_contexts(self, rows: NDArray[np.float32]) -> None:
+        """Warn, once, where contexts, shape (N, C), lie outside the observation space."""
         space = cast(spaces.Box, self.observation_space)
-        rows = np.atleast_2d(np.asarray(contexts, space.dtype))
-        if rows.ndim != 2 or rows.shape[1:] != space.shape:
-            return
-        outside = ~((rows >= space.low) & (rows <= space.high))
+        low, high = (bound.astype(np.float32) for bound in (space.low, space.high))
+        outside = ~((rows >= low) & (rows <= high))
         if outside.any():
             row, dimension = np.argwhere(outside)[0]
             n_outside = int(outside.any(axis=1).sum())
@@ -103,7 +93,7 @@ class TrajectoryPolicy(BasePolicy):
                 f"{dimension}, outside the observation space's {space.low[dimension]:.4g} to "
                 f"{space.high[dimension]:.4g}: the answer is an extrapolation{others}.",
                 ContextWarning,
-                stacklevel=4,
+                stacklevel=5,
             )
 
     def forward(self, observation: PyTorchObs, deterministic: bool = False) -> th.Tensor:
