@@ -461,7 +461,7 @@ def test_the_loss_has_the_policy_gradient() -> None:
     "settings",
     [
         {},
-        {"search": "policy", "adaptation": ACNMPAdaptation("to_go")},
+        {"search": "policy", "adaptation": ACNMPAdaptation.preset("to_go")},
         {"adaptation": ACNMPAdaptation(supervised=False)},
     ],
     ids=["critic", "policy gradient", "RL only"],
@@ -470,7 +470,7 @@ def test_it_adapts_to_a_context_outside_the_demonstrations(
     demonstrations: Demonstrations, settings: dict[str, Any]
 ) -> None:
     env = Reach(2.0)
-    model = build(demonstrations, env, seed=2, **settings).pretrain()
+    model = build(demonstrations, env, **settings).pretrain()
     context = np.array([2.0], np.float32)
     before = model.predict(context, deterministic=True)[0]
     model.learn(100)
