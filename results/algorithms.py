@@ -77,15 +77,17 @@ def twins(*names: str, **settings: object) -> dict[str, Algorithm]:
     return {f"twin, {name}": twin(name, **settings) for name in names}
 
 
-#: context in the decoder, no trend, one network
-THESIS_NETWORK = CNMPArchitecture(context_in_decoder=True, linear_trend=False, n_members=1)
+#: context in the decoder, time as it is, no trend, one network
+THESIS_NETWORK = CNMPArchitecture(
+    context_in_decoder=True, linear_trend=False, n_frequencies=0, n_members=1
+)
 
 
 def thesis_acnmp(**settings: object) -> Algorithm:
     """Return ACNMP with the thesis's search and the constants of its published code for Push.
 
     Two rollouts per generation, the policy's answer and one with smooth noise in 20 knots that is
-    alike everywhere; its advantage at each time; context in the decoder, and no trend.
+    alike everywhere; its advantage at each time; context in the decoder, time as it is, no trend.
 
     :param settings: further constructor arguments, or others
     """

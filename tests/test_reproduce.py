@@ -105,7 +105,7 @@ def test_figure_6_4_needs_intervals_of_paired_differences_above_zero(good: bool)
                 "RC-NMP": (level, level - 0.2),
                 "RC-NMP without crossover": (level + 0.01 * sign, level - 0.2),
                 "RC-NMP without mutation": (level, level - 0.2 + 0.01 * sign),
-                "ACNMP (thesis)": (level, level - 0.2 + 0.01 * sign),
+                "ACNMP, policy gradient": (level, level - 0.2 + 0.01 * sign),
                 "ACNMP": (level, level - 0.2 + 0.01 * sign),
             }
             runs += [via_run(name, seed, variant, pair) for name, pair in by_label.items()]

@@ -61,7 +61,7 @@ ALGORITHMS = {
     "RC-NMP without mutation": replace(RCNMP, settings=FIRST_NOISE_ONLY),
     "ACNMP": acnmp("Bayesian optimisation around the network", critic=ACNMPCritic(pull=0.0)),
     # no supervised learning between its steps: it would pull the answer back to the flat line
-    "ACNMP (thesis)": acnmp(
+    "ACNMP, policy gradient": acnmp(
         "policy gradient, Eq. 5.2",
         search="policy",
         adaptation=replace(ACNMPAdaptation.preset("to_go"), supervised=False),
