@@ -18,6 +18,7 @@ from sb3_nmp import (
 ENV_ID = "nmp/Bottles-v0"
 POPULATION = 8
 DEMONSTRATIONS = Demonstrations.from_task(ENV_ID, 3, seed=0)
+SMALL = CNMPArchitecture(encoder_arch=(16,), decoder_arch=(16,))
 ALGORITHMS: dict[type[TrajectoryAlgorithm], dict[str, Any]] = {
     RCNMP: {"population_size": POPULATION, "n_crossover": 4, "training": RCNMPTraining(5)},
     GA: {"population_size": POPULATION, "n_crossover": 4},
@@ -30,7 +31,7 @@ ALGORITHMS: dict[type[TrajectoryAlgorithm], dict[str, Any]] = {
         "demonstrations": DEMONSTRATIONS,
         "pretraining": CNMPPretraining(20),
         "adaptation": ACNMPAdaptation(n_training_steps=3, n_assimilation_steps=3),
-        "policy_kwargs": {"cnmp": CNMPArchitecture(encoder_arch=(16,), decoder_arch=(16,))},
+        "policy_kwargs": {"cnmp": SMALL},
     },
     BO: {"population_size": POPULATION, "demonstrations": DEMONSTRATIONS},
     CMAES: {
@@ -38,5 +39,6 @@ ALGORITHMS: dict[type[TrajectoryAlgorithm], dict[str, Any]] = {
         "demonstrations": DEMONSTRATIONS,
         "pretraining": CNMPPretraining(20),
         "context_std": 0.3,
+        "policy_kwargs": {"cnmp": SMALL},
     },
 }
