@@ -96,14 +96,15 @@ def adaptation_curves(
         plain_axes(axes)
         found, names = axes.get_legend_handles_labels()
         handles |= dict(zip(names, found, strict=True))
+    break_line = "\n" if n_columns == 1 else " "
     figure.suptitle(
-        f"{curves['task'].iloc[0]}: adaptation to a held-out context; median and quartiles over "
-        "contexts and seeds"
+        f"{curves['task'].iloc[0]}: adaptation to a held-out context;{break_line}median and "
+        "quartiles over contexts and seeds"
     )
     names = sorted(handles, key=lambda name: list([*labels, name]).index(name))
     figure.legend(
         [handles[name] for name in names], names,
-        loc="outside lower center", ncols=min(4, len(names)), frameon=False,
+        loc="outside lower center", ncols=min(int(size[0] // 2.5), len(names)), frameon=False,
     )  # fmt: skip
     return figure
 
