@@ -207,10 +207,12 @@ class ACNMP(AdaptiveAlgorithm):
 
     def _adapt(self, searched: list[ContextSearch], solved: list[ContextSearch]) -> None:
         policy, settings = self.policy, self.adaptation
-        policy.train()
         improving = [each for each in searched if self._teaches(each)]
         n_gradients = settings.n_training_steps if improving else 0
         n_steps = n_gradients + (settings.n_assimilation_steps if solved else 0)
+        if n_steps == 0:
+            return
+        policy.train()
         tried = self._tried(improving) if n_gradients else []
         highest = self.lr_schedule(self._current_progress_remaining)
         for step, batch in enumerate(self._sampler().draw(n_steps)):

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 FloatArray = NDArray[np.float64]
+#: view, length, noise, variance, Cholesky factor of the correlation, weights
+Choice = tuple[FloatArray, float, float, float, FloatArray, FloatArray]
 
 
 def squared_distances(one: FloatArray, other: FloatArray) -> FloatArray:
@@ -96,7 +98,7 @@ class GaussianProcess:
         :param hypotheses: to choose from
         """
         mean, n = float(values.mean()), len(values)
-        best: tuple[float, GaussianProcess] | None = None
+        best, chosen = -np.inf, None
         for view in hypotheses.views:
             seen = points @ view
             squares = squared_distances(seen, seen)
@@ -108,12 +110,12 @@ class GaussianProcess:
                     weights = cho_solve((factor, True), values - mean, check_finite=False)
                     variance = max(float((values - mean) @ weights) / n, 1e-9)
                     evidence = -0.5 * n * np.log(variance) - np.log(np.diag(factor)).sum()
-                    if best is None or evidence > best[0]:
-                        known = (variance, mean, factor, weights)
-                        best = (evidence, cls(points, view, length, noise, *known))
-        chosen = cast(tuple[float, GaussianProcess], best)[1]
-        inverse = solve_triangular(chosen.whitening, np.eye(n), lower=True)
-        return replace(chosen, whitening=inverse)
+                    if chosen is None or evidence > best:
+                        best = evidence
+                        chosen = (view, length, noise, variance, factor, weights)
+        view, length, noise, variance, factor, weights = cast(Choice, chosen)
+        whitening = solve_triangular(factor, np.eye(n), lower=True)
+        return cls(points, view, length, noise, variance, mean, whitening, weights)
 
     @property
     def chosen(self) -> Hypotheses:
