@@ -16,7 +16,7 @@ from sb3_nmp.common.exceptions import (
 )
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.pd_controller import PDController
-from sb3_nmp.models.cnmp import CNMPArchitecture
+from sb3_nmp.models.architecture import CNMPArchitecture
 from sb3_nmp.models.cnmp_training import CNMPPretraining
 from sb3_nmp.rcnmp import (
     RCNMP,

@@ -18,8 +18,8 @@ from results.stream.protocol import Stream
 from sb3_nmp import RCNMP, ConfigurationError, Demonstrations, InvalidDataError
 from sb3_nmp.common.contextual import Experience
 from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining
+from sb3_nmp.models.modes import sort_into_modes
 from sb3_nmp.models.skill_space import SkillSpace
-from sb3_nmp.rcnmp.modes import sort_into_modes
 from sb3_nmp.rcnmp.skill import RCNMPSkill, RewardConditionedSkill
 
 TWO = {"skill": RCNMPSkill(n_modes=2)}

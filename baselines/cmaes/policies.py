@@ -10,7 +10,8 @@ from stable_baselines3.common.type_aliases import Schedule
 
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.policies import ElitePolicy
-from sb3_nmp.models.cnmp import CNMP, CNMPArchitecture
+from sb3_nmp.models.architecture import CNMPArchitecture
+from sb3_nmp.models.cnmp import CNMP
 from sb3_nmp.models.cnmp_training import CNMPPretraining, pretrain
 
 FloatArray = NDArray[np.float64]

@@ -13,7 +13,8 @@ from sb3_nmp.acnmp.distribution import TrajectoryDistribution
 from sb3_nmp.common.exceptions import ViaPointWarning
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.policies import ElitePolicy
-from sb3_nmp.models.cnmp import CNMP, CNMPArchitecture
+from sb3_nmp.models.architecture import CNMPArchitecture
+from sb3_nmp.models.cnmp import CNMP
 from sb3_nmp.models.via_points import TOLERANCE, Conditioning, check_inside
 
 SAMPLE_NOISE = SmoothNoise()

@@ -4,10 +4,6 @@ Shape letters: N demonstrations, B batch, T time points, D dimensions of the tra
 K condition, O conditioning points, Z representation, E members.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, ClassVar
-
 import numpy as np
 import torch as th
 from numpy.typing import ArrayLike, NDArray
@@ -15,8 +11,7 @@ from torch import nn
 from torch.distributions import Normal
 
 from sb3_nmp.common.demonstrations import Demonstrations
-from sb3_nmp.common.exceptions import ConfigurationError
-from sb3_nmp.common.settings import Presets, settings_name
+from sb3_nmp.models.architecture import CNMPArchitecture
 from sb3_nmp.models.networks import LinearPlus, TimeFeatures, TrajectoryDecoder, mlp
 from sb3_nmp.models.via_points import (
     N_SHAPES,
@@ -26,54 +21,6 @@ from sb3_nmp.models.via_points import (
     checked,
     principal_deviations,
 )
-
-
-@settings_name("cnmp-architecture")
-@dataclass(frozen=True)
-class CNMPArchitecture(Presets):
-    """Architecture of a CNMP.
-
-    ``CNMPArchitecture.preset("stream")`` gives the context to the decoder too, which pays where
-    hundreds of contexts are learned.
-
-    >>> from sb3_nmp import CNMPArchitecture
-    >>> CNMPArchitecture.preset("stream").context_in_decoder
-    True
-
-    :param representation_dim: Z
-    :param encoder_arch: hidden layers of the encoder
-    :param context_arch: hidden layers from the context to the representation
-    :param decoder_arch: hidden layers of the decoder
-    :param context_in_decoder: give the context to the decoder too, as the thesis does
-    :param linear_trend: whether the mean has a trend that is linear in the decoder's inputs
-    :param n_frequencies: of the time features; 0 feeds time as it is, as the thesis does
-    :param min_std: smallest standard deviation of the output, in units of the demonstrations'
-        own; without it, Eq. 4.1 has no bound once the demonstrations are met exactly
-    :param activation_fn: between the layers
-    :param n_members: of an ensemble of such networks, each with its own first weights and batches:
-        it answers with their mean, and their spread tells what the demonstrations leave open
-    :raises ConfigurationError: ``n_members`` is no whole number >= 1
-    """
-
-    representation_dim: int = 16
-    encoder_arch: tuple[int, ...] = (128, 128)
-    context_arch: tuple[int, ...] = (64,)
-    decoder_arch: tuple[int, ...] = (128, 128)
-    context_in_decoder: bool = False
-    linear_trend: bool = True
-    n_frequencies: int = 8
-    min_std: float = 0.02
-    activation_fn: type[nn.Module] = nn.ReLU
-    n_members: int = 5
-
-    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"stream": {"context_in_decoder": True}}
-
-    def __post_init__(self) -> None:
-        """Check the number of members."""
-        if int(self.n_members) != self.n_members or self.n_members < 1:
-            raise ConfigurationError(
-                f"n_members is {self.n_members}; it must be a whole number >= 1."
-            )
 
 
 class ConditionalNeuralProcess(nn.Module):

@@ -31,8 +31,8 @@ from sb3_nmp.common.contextual import Experience
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.settings import settings_name
 from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining
+from sb3_nmp.models.modes import sort_into_modes
 from sb3_nmp.models.skill_space import N_MOMENTS, SkillSpace
-from sb3_nmp.rcnmp.modes import sort_into_modes
 
 FloatArray = NDArray[np.float64]
 BETAS = (0.7, 0.95)  # of Adam in the ascent, which has but a few steps
