@@ -24,6 +24,7 @@ from benchmark_envs.task import Task
 from benchmark_envs.tasks import (
     ApertureTask,
     BottlesTask,
+    ObstaclesTask,
     PickAndPlaceTask,
     PouringTask,
     PushTask,
@@ -43,6 +44,7 @@ __all__ = [
     "InvalidTrajectoryError",
     "Measured",
     "MujocoTask",
+    "ObstaclesTask",
     "PickAndPlaceTask",
     "PouringTask",
     "PushTask",

@@ -144,9 +144,10 @@ class Task(ABC):
 
         Lengths are in m: ``limits`` [[x0, x1], [y0, y1]]; where there are any, ``points``, [x, y]
         by name; ``targets``, each an [x, y] that the path is to meet; ``circles`` with ``center``,
-        ``radius``, ``style`` (``"solid"`` or ``"dashed"``) and ``label``; ``boxes`` with the
-        corners ``low`` and ``high``. A trajectory of one dimension is drawn over the coordinate
-        ``along``, of a ``name``, that it passes at uniform speed from ``low`` to ``high``.
+        ``radius``, ``style`` (``"solid"`` or ``"dashed"``) and ``label``; ``ellipses`` with
+        ``center`` and ``radii`` along x and y; ``boxes`` with the corners ``low`` and ``high``. A
+        trajectory of one dimension is drawn over the coordinate ``along``, of a ``name``, that it
+        passes at uniform speed from ``low`` to ``high``.
 
         :param context: shape (C,)
         :return: None where the trajectory is no path in a plane

@@ -403,7 +403,7 @@ def test_the_scene_is_plain_json_and_the_expert_keeps_to_what_is_in_it(task_id: 
     if scene is None:
         return
     assert json.loads(json.dumps(scene, allow_nan=False)) == scene
-    assert set(scene) <= {"limits", "along", "points", "targets", "circles", "boxes"}
+    assert set(scene) <= {"limits", "along", "points", "targets", "circles", "ellipses", "boxes"}
     path = task.simulate(context, task.demonstrate(context)).executed[0]
     if "along" in scene:
         x = np.linspace(scene["along"]["low"], scene["along"]["high"], len(path))
@@ -415,10 +415,13 @@ def test_the_scene_is_plain_json_and_the_expert_keeps_to_what_is_in_it(task_id: 
         np.testing.assert_allclose(end, point, atol=0.1)
     for target in scene.get("targets", ()):
         assert np.linalg.norm(path - target, axis=1).min() < 0.03
-    obstacles = [*scene.get("circles", ()), *scene.get("boxes", ())]
+    obstacles = [*scene.get("circles", ()), *scene.get("ellipses", ()), *scene.get("boxes", ())]
     assert obstacles or scene["targets"]
     for circle in scene.get("circles", ()):
         assert np.linalg.norm(path - circle["center"], axis=1).min() > circle["radius"]
+    for ellipse in scene.get("ellipses", ()):
+        scaled = (path - ellipse["center"]) / ellipse["radii"]
+        assert np.linalg.norm(scaled, axis=1).min() > 1
     for box in scene.get("boxes", ()):
         assert not ((path > box["low"]) & (path < box["high"])).all(axis=1).any()
 

@@ -2,6 +2,7 @@
 
 from benchmark_envs.tasks.aperture import ApertureTask
 from benchmark_envs.tasks.bottles import BottlesTask
+from benchmark_envs.tasks.obstacles import ObstaclesTask
 from benchmark_envs.tasks.pick_and_place import PickAndPlaceTask
 from benchmark_envs.tasks.pouring import PouringTask
 from benchmark_envs.tasks.push import PushTask
@@ -10,6 +11,7 @@ from benchmark_envs.tasks.via_points import ViaPointsTask
 __all__ = [
     "ApertureTask",
     "BottlesTask",
+    "ObstaclesTask",
     "PickAndPlaceTask",
     "PouringTask",
     "PushTask",

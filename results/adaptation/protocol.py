@@ -45,6 +45,8 @@ class Adaptation(Protocol):
     def prepare(self, run: RunTask, on_rollouts: OnRollouts | None = None) -> PreparedRun:
         """Demonstrate the other contexts, and pin the environment to the one to adapt to.
 
+        To an algorithm that is to begin with the initial trajectory, that is shown instead.
+
         :param run: its task, seed and budget
         :param on_rollouts: told the number of rollouts so far
         """
@@ -54,7 +56,7 @@ class Adaptation(Protocol):
         )
         evaluation.expert = run.expert(held_out)
         environments = run.environments(held_out)
-        shown = run.demonstrated(contexts)
+        shown = run.initial(held_out) if run.shown_initial else run.demonstrated(contexts)
         return PreparedRun(environments, evaluation, run.task_record, shown)
 
     def headline(self, curve: Curve) -> str:

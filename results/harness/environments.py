@@ -27,7 +27,7 @@ class RunTask:
     :param budget: of the run, in rollouts
     :param pretrained: whether its algorithm can answer before the first rollout
     :param settings: the task's constructor arguments
-    :param shown_initial: whether the initial trajectory is shown where nothing else is
+    :param shown_initial: whether the initial trajectory is all that is shown
     """
 
     task_id: str

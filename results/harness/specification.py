@@ -31,8 +31,8 @@ class Algorithm:
     :param description: one line for the tables
     :param pretrained: whether it can answer before its first rollout, where it was shown some
     :param budget: rollouts of a run, where it needs more than a suite's other algorithms
-    :param shown_initial: whether the task's initial trajectory is its demonstration, where the
-        protocol shows none and it cannot begin without
+    :param shown_initial: whether the task's initial trajectory, which knows nothing of the context,
+        is its only demonstration: for one that cannot begin without any
     """
 
     name: str

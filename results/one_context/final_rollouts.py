@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Circle, Ellipse, Rectangle
 
 from results.harness.records import RolloutRecord, RunRecord
 from results.report.figure_style import COLOURS, plain_axes, seeds_of
@@ -16,6 +16,7 @@ from results.report.figure_style import COLOURS, plain_axes, seeds_of
 UNSOLVED = "not solved"
 UNSOLVED_STYLE = {"color": "0.55", "linestyle": "--"}
 DASHED = {"color": "0.6", "linestyle": ":"}
+SOLID: dict[str, Any] = {"facecolor": "0.75", "edgecolor": "0.4"}
 MARKERS = {"start": ("o", 6), "goal": ("*", 11)}
 
 
@@ -166,8 +167,10 @@ def draw_scene(axes: Axes, scene: Mapping[str, Any]) -> None:
         centre = (float(circle["center"][0]), float(circle["center"][1]))
         dashed = circle.get("style") == "dashed"
         look = {"fill": False, "edgecolor": DASHED["color"], "linestyle": DASHED["linestyle"]}
-        solid = {"facecolor": "0.75", "edgecolor": "0.4"}
-        axes.add_patch(Circle(centre, circle["radius"], **(look if dashed else solid)))
+        axes.add_patch(Circle(centre, circle["radius"], **(look if dashed else SOLID)))
+    for ellipse in scene.get("ellipses", ()):
+        width, height = (2 * radius for radius in ellipse["radii"])
+        axes.add_patch(Ellipse(tuple(ellipse["center"]), width, height, **SOLID))
     for name, point in scene.get("points", {}).items():
         marker, size = MARKERS.get(name, ("s", 6))
         axes.plot(*point, marker, color="black", markersize=size)
