@@ -53,7 +53,7 @@ class Task(ABC):
     """
 
     #: what each entry of the context means, with its unit, length C
-    context_names: ClassVar[tuple[str, ...]]
+    context_names: tuple[str, ...]
     #: what each dimension of the trajectory means, with its unit, length D
     trajectory_names: ClassVar[tuple[str, ...]]
     #: the names of the expert's ways to solve the task
@@ -73,7 +73,7 @@ class Task(ABC):
     optimum: tuple[str, float] | None = None
 
     #: whether it can say in which context a rollout would have been right
-    tells_achievement: ClassVar[bool] = False
+    tells_achievement: bool = False
 
     context_space: spaces.Box
     trajectory_space: spaces.Box

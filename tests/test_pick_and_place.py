@@ -9,16 +9,11 @@ import pytest
 
 from benchmark_envs import InvalidContextError, TaskError, make_task
 from benchmark_envs.tasks.pick_and_place import (
-    CARRY,
-    CLOSES,
     FASTEST,
     JOINTS,
-    OPENS,
     SUBSTEPS,
     TIME_POINT,
     PickAndPlaceTask,
-    T,
-    avoidance_error,
 )
 from benchmark_envs.tasks.pick_and_place_expert import (
     CLEARANCE,
@@ -26,8 +21,6 @@ from benchmark_envs.tasks.pick_and_place_expert import (
     GRASP_DEPTH,
     HABITUAL_HEIGHT,
     HOME,
-    OBJECT,
-    PLACE,
     TOOL_LENGTH,
     carry_height,
     demonstration_contexts,
@@ -36,6 +29,8 @@ from benchmark_envs.tasks.pick_and_place_expert import (
     tool_path,
     tool_position_at_home,
 )
+from benchmark_envs.tasks.pick_and_place_layout import OBJECT, PLACE, Layout
+from benchmark_envs.tasks.pick_and_place_measures import CARRY, CLOSES, OPENS, T, avoidance_error
 from sb3_nmp.common.noise import SmoothNoise
 
 # of the UR10, as Universal Robots publishes them: d and a in m, alpha in degrees
@@ -276,12 +271,14 @@ def test_avoidance_counts_what_lacks_in_height_and_to_the_side_alone() -> None:
             for aside, up in ((0.0, 0.0), (0.0, 0.1), (0.0, -0.03), (0.03, -0.04))
         ]
     )
-    found = avoidance_error(ways, np.full(4, 0.2))
+    over = np.tile(Layout.of([[0.06, 0.08]]).crossings, (4, 1, 1))
+    found = avoidance_error(ways, over, np.full(4, 0.2))
     np.testing.assert_allclose(found, [0.0, 0.0, 0.09, 0.15], atol=1e-12)
-    coarse = avoidance_error(ways[:, ::8], np.full(4, 0.2))  # ways are lines, not points
+    coarse = avoidance_error(ways[:, ::8], over, np.full(4, 0.2))  # ways are lines, not points
     np.testing.assert_allclose(coarse, found, atol=1e-12)
     standing = np.tile([0.62, -0.2, 0.2], (1, 5, 1))
-    np.testing.assert_allclose(avoidance_error(standing, np.array([0.2])), 0.15 + 0.2 + 0.25)
+    away = avoidance_error(standing, over[:1], np.array([0.2]))
+    np.testing.assert_allclose(away, 0.15 + 0.2 + 0.25)
 
 
 def test_rewards_of_wild_trajectories_stay_in_range_and_finite(task: PickAndPlaceTask) -> None:

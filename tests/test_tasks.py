@@ -38,6 +38,12 @@ MUJOCO_TASKS = pytest.mark.parametrize(
     "task_id", [one for one in task_ids() if isinstance(make_task(one), MujocoTask)]
 )
 
+#: settings with which the whole context is drawn
+DRAWN_BY: dict[str, dict[str, Any]] = {
+    "nmp/Bottles-v0": {"random_bottles": True},
+    "nmp/PickAndPlace-v1": {"field": True},
+}
+
 
 def context_of(task: Task, seed: int = 0) -> np.ndarray:
     return task.sample_context(np.random.default_rng(seed))
@@ -243,7 +249,7 @@ def test_a_pinned_context_and_the_reset_option_are_followed(task_id: str) -> Non
 @TASKS
 def test_the_context_that_is_observed_is_the_one_that_is_simulated(task_id: str) -> None:
     """Contexts are float32 in spaces and observations, and nowhere anything else."""
-    settings = {"random_bottles": True} if "Bottles" in task_id else {}
+    settings = DRAWN_BY.get(task_id, {})
     env = gym.make(task_id, **settings)
     task: Task = env.unwrapped.task  # pyright: ignore[reportAttributeAccessIssue]
     for seed in range(8):

@@ -59,7 +59,7 @@ class ApertureTask(MujocoTask):
     :param n_threads: of the simulator; by default one per core
     """
 
-    context_names: ClassVar[tuple[str, ...]] = (
+    context_names: tuple[str, ...] = (
         "opening x [m]",
         "opening y [m]",
         "goal x [m]",

@@ -57,7 +57,7 @@ class BottlesTask(MujocoTask):
     :param n_threads: of the simulator; by default one per core
     """
 
-    context_names: ClassVar[tuple[str, ...]] = (
+    context_names: tuple[str, ...] = (
         "bottle 0 x [m]",
         "bottle 0 y [m]",
         "bottle 1 x [m]",

@@ -2,7 +2,8 @@
 
 The thesis gives eight demonstrations, with objects of 2 to 6 cm and towers of 2 to 8 cm, and adapts
 the skill to an object of 8 and a tower of 10 cm, and to 9 and 11 cm (`demonstration_contexts` and
-`EXTRAPOLATION_CONTEXTS` of `pick_and_place_expert`).
+`EXTRAPOLATION_CONTEXTS` of `pick_and_place_expert`). With ``field=True``, object and goal can be
+anywhere on a field as well.
 """
 
 import math
@@ -16,52 +17,56 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike
 
 from benchmark_envs.cache import ContextCache
+from benchmark_envs.exceptions import InvalidContextError
 from benchmark_envs.executor import SensorLog
 from benchmark_envs.motion import interpolate, limit_speed
 from benchmark_envs.mujoco_task import MujocoTask
 from benchmark_envs.registry import register_task
 from benchmark_envs.rollouts import BoolArray, FloatArray, Measured
 from benchmark_envs.tasks.pick_and_place_expert import (
+    CLEARANCE,
     CLOSING,
     EXTRAPOLATION_CONTEXTS,
-    GRASP_DEPTH,
-    HALF_OBJECT,
-    HALF_TOWER,
     HOME,
-    OBJECT,
     OPENING,
-    PLACE,
-    TOOL_LENGTH,
-    TOWER,
     demonstration_contexts,
     inverse_kinematics,
     needed_height,
     tool_path,
 )
+from benchmark_envs.tasks.pick_and_place_layout import (
+    FIELD,
+    FIELD_NAMES,
+    HEIGHT_NAMES,
+    HIGHEST,
+    LOWEST,
+    ROOM,
+    Layout,
+    draw_field,
+)
+from benchmark_envs.tasks.pick_and_place_measures import (
+    CARRY,
+    FINGERS,
+    T,
+    avoidance_error,
+    contact_outcomes,
+    grasp_points,
+    pose_errors,
+)
 
-T = 200
 SUBSTEPS = 6  # of 4.2 ms
 TIME_POINT = 0.025  # s; between set-points: a rollout lasts 5 s
 JOINTS = ("base", "shoulder", "elbow", "wrist_1", "wrist_2", "wrist_3")
-FINGERS = ("finger_left", "finger_right")
 JOINT_LIMIT = 2 * np.pi  # rad; of all joints (Universal Robots' data sheet)
 #: rad per time point; 120 degrees per second at base and shoulder, 180 at the others, as there
 FASTEST = np.radians([120.0, 120.0, 180.0, 180.0, 180.0, 180.0]) * TIME_POINT
-LOW = np.array([0.02, 0.02])  # m; heights of object and tower that gripper and expert can take
-HIGH = np.array([0.09, 0.11])  # m
 OPEN = 0.0425  # m; of each finger from the middle
 PLACE_TOLERANCE = 0.03  # m
-UPRIGHT = math.cos(math.radians(15))  # an object that leans more does not stand
-LIFTED = 0.01  # m; above the table: an object between the fingers has been grasped
 FARTHEST = 1.0  # m; no term of the reward counts more, so that it is bounded
 TOWER_FOOT = 0.003  # m; contacts below this are the table's, not a touch
 TOUCH_MARGIN = 0.005  # m; of the site around the tower that senses touches
+ROUNDING = 1e-6  # m; of contexts, which are float32
 CACHED_MODELS = 64  # of contexts; 0.1 MB each
-
-#: the first and the last time point of a phase of the gripper's script
-CLOSES, OPENS = (slice(round(a * T), round(b * T)) for a, b in (CLOSING, OPENING))
-#: while the object is in the gripper
-CARRY = slice(CLOSES.stop - 1, OPENS.start + 1)
 
 
 @register_task("nmp/PickAndPlace-v1")
@@ -94,6 +99,13 @@ class PickAndPlaceTask(MujocoTask):
 
     Success: grasped, tower not touched, and the object stands within 0.03 m of its place.
 
+    With ``field=True`` object and goal are anywhere on a field of 30 x 30 cm, x from 0.47 to 0.77 m
+    and y from -0.15 to 0.15 m (the base stands at 0, 0). The tower stands midway between them, its
+    broad side across the way, as in the thesis's arrangement. So they must be 0.128 m (along x) to
+    0.2 m (aslant) apart, for the open gripper to come down with 1 cm to spare. There, a rollout
+    that carried the object to another place than the goal tells so (`Rollouts.achieved_contexts`):
+    it would have been right for a goal there, if it passes the tower that would stand in between.
+
     Set-points are followed at most at the UR10's speed limits (120 degrees/s at base and shoulder,
     180 at the others); ``clipped`` tells where that, or the joints' range, held one back.
     The film is three times faster than the rollout.
@@ -104,10 +116,12 @@ class PickAndPlaceTask(MujocoTask):
     >>> bool(rollouts.successes[0]), round(float(rollouts.rewards[0]), 2)
     (True, -0.0)
 
+    :param field: let the context say where object and goal are, too: object x, y and goal x, y go
+        before the two heights
     :param n_threads: of the simulator; by default one per core
     """
 
-    context_names: ClassVar[tuple[str, ...]] = ("object height [m]", "tower height [m]")
+    context_names: tuple[str, ...] = HEIGHT_NAMES
     trajectory_names: ClassVar[tuple[str, ...]] = tuple(f"{name} [rad]" for name in JOINTS)
     # Less than 2 degrees of the joints that raise and lower the tool, and a third of that of the
     # others: with smooth noise of 0.5, 1 and 2 degrees the expert succeeds in 100, 72, 13 %.
@@ -119,12 +133,17 @@ class PickAndPlaceTask(MujocoTask):
     }
     error_unit: str = "m"
     frame_every: ClassVar[float] = 5
-    #: for `extrapolation`, shapes (8, 2) and (2, 2) in m
+    #: for `extrapolation`, shapes (8, 2) and (2, 2) in m; of the thesis's arrangement
     demonstrated_contexts: ClassVar[FloatArray] = demonstration_contexts()
     extrapolation_contexts: ClassVar[FloatArray] = EXTRAPOLATION_CONTEXTS
 
-    def __init__(self, n_threads: int | None = None) -> None:
-        self.context_space = spaces.Box(LOW.astype(np.float32), HIGH.astype(np.float32))
+    def __init__(self, field: bool = False, n_threads: int | None = None) -> None:
+        self.field = self.tells_achievement = field
+        low, high = LOWEST, HIGHEST
+        if field:
+            self.context_names = FIELD_NAMES
+            low, high = (np.concatenate([p, p, h]) for p, h in zip(FIELD, (low, high), strict=True))
+        self.context_space = spaces.Box(low.astype(np.float32), high.astype(np.float32))
         self.trajectory_space = spaces.Box(-JOINT_LIMIT, JOINT_LIMIT, (T, len(JOINTS)), np.float32)
         self.spec = mujoco.MjSpec.from_file(str(Path(__file__).with_suffix(".xml")))
         super().__init__(self.spec.compile(), SUBSTEPS, n_threads)
@@ -138,16 +157,34 @@ class PickAndPlaceTask(MujocoTask):
         return -3 * FARTHEST, 0.0
 
     def _draw_context(self, rng: np.random.Generator) -> FloatArray:
-        """Draw heights of object and tower uniformly, shape (2,) in m.
+        """Draw heights uniformly, shape (2,); with ``field``, places too (`draw_field`), (6,) in m.
 
         :param rng: the generator to draw from
         """
-        return rng.uniform(LOW, HIGH)
+        return draw_field(rng) if self.field else rng.uniform(LOWEST, HIGHEST)
+
+    def check_context(self, context: ArrayLike) -> FloatArray:
+        """Return the context as `Task.check_context` does, where the tower leaves the gripper room.
+
+        :param context: shape (C,) in m
+        :raises InvalidContextError: see there; or object and goal are too near to each other
+        """
+        checked = super().check_context(context)
+        room = float(Layout.of(checked[None]).room[0])
+        if room < ROOM - ROUNDING:
+            least = 2 * (ROOM - room) + np.linalg.norm(checked[2:4] - checked[:2])
+            raise InvalidContextError(
+                f"object and goal are {np.linalg.norm(checked[2:4] - checked[:2]):.3f} m apart, "
+                f"but in that direction must be at least {least:.3f} m: between them stands the "
+                "tower, and the open gripper needs room on both sides. `sample_context` draws "
+                "contexts that have it."
+            )
+        return checked
 
     def initial_trajectory(self, context: ArrayLike) -> FloatArray:
         """Return the home pose, held, shape (T, 6) in rad.
 
-        :param context: heights of object and tower, shape (2,) in m
+        :param context: shape (C,) in m
         """
         self.check_context(context)
         return np.tile(HOME, (T, 1))
@@ -157,37 +194,44 @@ class PickAndPlaceTask(MujocoTask):
 
         It carries at a habitual height, and higher only where tower and object need it.
 
-        :param context: heights of object and tower, shape (2,) in m
+        :param context: shape (C,) in m
         :param mode: ``"default"``, the only one
         """
         self.check_mode(mode)
         return inverse_kinematics(tool_path(self.check_context(context), T))
 
     def _model(self, context: FloatArray) -> mujoco.MjModel:
-        """Return the model with the context's heights.
+        """Return the model with the context's heights, and with its place marked.
 
-        :param context: shape (2,) in m
+        :param context: shape (C,) in m
         """
         model = self._models[context]
         model.opt.gravity[:] = self.model.opt.gravity
         return model
 
     def _compile(self, context: FloatArray) -> mujoco.MjModel:
-        for name, height in zip(("object", "tower"), context / 2, strict=True):
+        layout = Layout.of(context[None])
+        heights = layout.heights[0]
+        for name, height in zip(("object", "tower"), heights / 2, strict=True):
             self.spec.geom(name).size[2] = self.spec.body(name).pos[2] = height
         touch = self.spec.site("tower")
-        touch.size[2] = context[1] / 2 + (TOUCH_MARGIN - TOWER_FOOT) / 2
+        touch.size[2] = heights[1] / 2 + (TOUCH_MARGIN - TOWER_FOOT) / 2
         touch.pos[2] = (TOUCH_MARGIN + TOWER_FOOT) / 2
+        for mark in ("place", "place_centre"):  # seen in pictures alone
+            self.spec.geom(mark).pos[:2] = layout.places[0]
         return self.spec.compile()
 
     def _initial_state(self, context: FloatArray) -> FloatArray:
         """Arm at home, gripper open, object and tower upright at their places, all at rest."""
-        qpos = self.model.qpos0.copy()
+        layout, qpos = Layout.of(context[None]), self.model.qpos0.copy()
         for name, value in zip(JOINTS + FINGERS, [*HOME, OPEN, OPEN], strict=True):
             qpos[self.model.joint(name).qposadr[0]] = value
-        for name, place, height in zip(("object", "tower"), (OBJECT, TOWER), context, strict=True):
+        places = {"object": layout.objects[0], "tower": layout.towers[0]}
+        for (name, place), height in zip(places.items(), layout.heights[0], strict=True):
             address = self.model.joint(name).qposadr[0]
             qpos[address : address + 3] = *place, height / 2
+        half, tower = layout.turns[0] / 2, self.model.joint("tower").qposadr[0]
+        qpos[tower + 3 : tower + 7] = math.cos(half), 0.0, 0.0, math.sin(half)
         return self.executor.initial_state(qpos)
 
     def _follow(self, trajectories: FloatArray) -> FloatArray:
@@ -204,90 +248,38 @@ class PickAndPlaceTask(MujocoTask):
         return np.concatenate([positions + self._lead * rates, fingers], axis=2)
 
     def _measure(self, contexts: FloatArray, trajectories: FloatArray, log: SensorLog) -> Measured:
+        layout = Layout.of(contexts)
         paths = {name: log.readings[f"{name}_position"] for name in ("tool", "object", "tower")}
-        grasp = grasp_points(log, contexts)
-        errors = pose_errors(paths["tool"], log.readings["flange_position"], grasp, contexts)
-        happened = contact_outcomes(log, contexts)
-        placed = np.linalg.norm(paths["object"][:, -1, :2] - PLACE, axis=1)
-        failed = happened["touched_tower"] | happened["toppled"] | ~happened["grasped"]
+        grasp = grasp_points(log, layout)
+        errors = pose_errors(paths["tool"], log.readings["flange_position"], grasp, layout)
+        happened = contact_outcomes(log, layout)
+        end = paths["object"][:, -1, :2]
+        carried = happened["grasped"] & ~happened["touched_tower"] & ~happened["toppled"]
         return Measured(
             executed=np.concatenate([log.readings[name] for name in JOINTS], axis=2),
             terms={name: -np.minimum(error, FARTHEST) for name, error in errors.items()},
-            successes=~failed & (placed <= PLACE_TOLERANCE),
+            successes=carried & (np.linalg.norm(end - layout.places, axis=1) <= PLACE_TOLERANCE),
             paths=paths,
             outcomes={name: np.where(log.diverged, 0.0, did) for name, did in happened.items()},
+            achieved_contexts=self._achieved(contexts, end, paths["tool"], carried),
         )
 
+    def _achieved(
+        self, contexts: FloatArray, end: FloatArray, tool: FloatArray, carried: BoolArray
+    ) -> FloatArray | None:
+        """Return the contexts whose goal is where the object came to stand, shape (N, 6) in m.
 
-def grasp_points(log: SensorLog, contexts: FloatArray) -> FloatArray:
-    """Return the point of the object to take it at, when the fingers begin to close, (N, 3) in m.
+        The tower would then have stood elsewhere, too: it must have been passed high enough there.
 
-    :param log: of the sensors of the object's position and axis
-    :param contexts: heights of object and tower, shape (N, 2) in m
-    """
-    position, axis = (
-        log.readings[f"object_{name}"][:, CLOSES.start - 1] for name in ("position", "axis")
-    )
-    return position + (contexts[:, :1] / 2 - GRASP_DEPTH) * axis
-
-
-def pose_errors(
-    tool: FloatArray, flange: FloatArray, grasp: FloatArray, contexts: FloatArray
-) -> dict[str, FloatArray]:
-    """Return the distances that are the reward's terms, each of shape (N,) in m.
-
-    :param tool: path of the tool point, shape (N, T, 3) in m
-    :param flange: path of the arm's last flange, shape (N, T, 3) in m
-    :param grasp: `grasp_points`, shape (N, 3) in m
-    :param contexts: heights of object and tower, shape (N, 2) in m
-    """
-    place = np.column_stack([np.tile(PLACE, (len(contexts), 1)), contexts[:, 0] - GRASP_DEPTH])
-    errors: dict[str, FloatArray] = {}
-    for name, where, phase in (("grasp", grasp, CLOSES), ("place", place, OPENS)):
-        wanted = where[:, None].copy()
-        square = np.sum((tool[:, phase] - wanted) ** 2, axis=2)
-        wanted[..., 2] += TOOL_LENGTH
-        square += np.sum((flange[:, phase] - wanted) ** 2, axis=2)
-        errors[name] = np.sqrt(square.mean(axis=1) / 2)
-    errors["avoid"] = avoidance_error(tool[:, CARRY], needed_height(contexts))
-    return errors
-
-
-def avoidance_error(paths: FloatArray, needed: FloatArray) -> FloatArray:
-    """Return how far ways pass below or beside the points over the tower, shape (N,) in m.
-
-    The sum over three points: above the tower's middle, and half a tower and half an object
-    before and behind it. A way is made of straight lines. Each of them is judged where it is
-    nearest to the point as seen from above, by the distance there; being higher costs nothing.
-
-    :param paths: of the tool point, shape (N, K, 3) in m
-    :param needed: the points' height, shape (N,) in m
-    """
-    edge = HALF_TOWER + HALF_OBJECT
-    begin, line = paths[:, :-1, None], np.diff(paths, axis=1)[:, :, None]
-    points = TOWER + np.array([[0.0, -edge], [0.0, 0.0], [0.0, edge]])  # (3, 2)
-    square = np.maximum(np.sum(line[..., :2] ** 2, axis=-1), 1e-12)
-    share = np.sum((points - begin[..., :2]) * line[..., :2], axis=-1) / square
-    nearest = begin + np.clip(share, 0.0, 1.0)[..., None] * line  # (N, K - 1, 3, 3)
-    beside = nearest[..., :2] - points
-    below = np.maximum(0.0, needed[:, None, None] - nearest[..., 2])
-    distance = np.sqrt(np.sum(beside**2, axis=-1) + below**2)
-    return distance.min(axis=1).sum(axis=1)
-
-
-def contact_outcomes(log: SensorLog, contexts: FloatArray) -> dict[str, BoolArray]:
-    """Return what contacts made of grasp, carry and placing, each of shape (N,).
-
-    :param log: of the sensors of touches, and of the object's position and axis
-    :param contexts: heights of object and tower, shape (N, 2) in m
-    """
-    left, right = (log.readings[f"{name}_touch"][..., 0] > 0 for name in FINGERS)
-    held = left & right
-    lifted = log.readings["object_position"][..., 2] - contexts[:, :1] / 2 > LIFTED
-    grasped = np.logical_or.reduce((held & lifted)[:, CARRY], axis=1)
-    return {
-        "grasped": grasped,
-        "touched_tower": log.peaks["tower_touch"].max(axis=(1, 2)) > 0,
-        "dropped": grasped & ~held[:, OPENS.start],
-        "toppled": log.readings["object_axis"][:, -1, 2] < UPRIGHT,
-    }
+        :param contexts: shape (N, C) in m
+        :param end: where the object came to rest, shape (N, 2) in m
+        :param tool: path of the tool point, shape (N, T, 3) in m
+        :param carried: whether it was, without touching the tower, shape (N,)
+        """
+        if not self.field:
+            return None
+        achieved = np.column_stack([contexts[:, :2], end, contexts[:, 4:]])
+        layout = Layout.of(achieved)
+        lacks = avoidance_error(tool[:, CARRY], layout.crossings, needed_height(layout.heights))
+        clear = (lacks < CLEARANCE) & (layout.room >= ROOM)
+        return self.within_contexts(achieved, carried & clear)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from benchmark_envs.exceptions import TaskError
 from benchmark_envs.motion import minimum_jerk
+from benchmark_envs.tasks.pick_and_place_layout import Layout
 
 FloatArray = NDArray[np.float64]
 
@@ -22,10 +23,6 @@ D1, A2, A3, D4, D5, D6 = 0.1273, -0.612, -0.5723, 0.163941, 0.1157, 0.0922
 TOOL_LENGTH = 0.16  # m; from the flange to the point between the finger tips, as on a 2F-85
 HOME = np.radians([0.0, -80.0, -115.0, -75.0, 90.0, 0.0])  # the tool points down, 0.33 m high
 
-OBJECT = np.array([0.62, -0.20])  # m; where the object stands at first
-TOWER = np.array([0.62, 0.0])  # m
-PLACE = np.array([0.62, 0.20])  # m; where the object is to be put down
-HALF_OBJECT, HALF_TOWER = 0.02, 0.03  # m; along y, the direction of the carry
 GRASP_DEPTH = 0.01  # m; of the tool point below the object's top: half of the smallest object
 CLEARANCE = 0.02  # m; between the carried object and the tower
 HABITUAL_HEIGHT = 0.15  # m; of the tool point above the table, where no more is needed
@@ -42,6 +39,8 @@ OVER, DOWN, UP, ALONG, LOWER, AWAY = (
     (0.60, 0.78),
     (0.85, 1.0),
 )
+#: on the field, where the tower can be as near as the gripper, it moves along only while it is up
+ALONG_FIELD = (0.42, 0.65)
 
 #: heights of object and tower in m, shape (2, 2): the thesis's two tasks beyond its demonstrations
 EXTRAPOLATION_CONTEXTS = np.array([[0.08, 0.10], [0.09, 0.11]])
@@ -55,20 +54,20 @@ def demonstration_contexts() -> FloatArray:
     return np.array([[o, t] for o in (0.02, 0.06) for t in (0.02, 0.04, 0.06, 0.08)])
 
 
-def needed_height(context: ArrayLike) -> FloatArray:
+def needed_height(heights: ArrayLike) -> FloatArray:
     """Return the tool's height at which the carried object clears the tower, shape (...) in m.
 
-    :param context: heights of object and tower, shape (..., 2) in m
+    :param heights: of object and tower, shape (..., 2) in m
     """
-    return np.sum(context, axis=-1) - GRASP_DEPTH + CLEARANCE
+    return np.sum(heights, axis=-1) - GRASP_DEPTH + CLEARANCE
 
 
-def carry_height(context: ArrayLike) -> FloatArray:
+def carry_height(heights: ArrayLike) -> FloatArray:
     """Return the height at which the expert carries, shape (...) in m.
 
-    :param context: heights of object and tower, shape (..., 2) in m
+    :param heights: of object and tower, shape (..., 2) in m
     """
-    return np.maximum(HABITUAL_HEIGHT, needed_height(context))
+    return np.maximum(HABITUAL_HEIGHT, needed_height(heights))
 
 
 def tool_path(context: FloatArray, n: int) -> FloatArray:
@@ -76,13 +75,14 @@ def tool_path(context: FloatArray, n: int) -> FloatArray:
 
     It is a sum of minimum-jerk moves along the axes: over the object, down, up, along and down.
 
-    :param context: heights of object and tower, shape (2,) in m
+    :param context: heights of object and tower, shape (2,), or on the field (6,), in m
     :param n: time points
     """
-    start = tool_position_at_home()
-    low, high = context[0] - GRASP_DEPTH, float(carry_height(context))
-    over, along = move(OVER, n), move(ALONG, n)
-    across = start[:2] + over[:, None] * (OBJECT - start[:2]) + along[:, None] * (PLACE - OBJECT)
+    layout, start = Layout.of(context[None]), tool_position_at_home()
+    taken, place, heights = layout.objects[0], layout.places[0], layout.heights[0]
+    low, high = heights[0] - GRASP_DEPTH, float(carry_height(heights))
+    over, along = move(OVER, n), move(ALONG if len(context) == 2 else ALONG_FIELD, n)
+    across = start[:2] + over[:, None] * (taken - start[:2]) + along[:, None] * (place - taken)
     height = start[2] + sum(
         change * move(when, n)
         for change, when in (

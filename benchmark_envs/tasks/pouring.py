@@ -108,9 +108,9 @@ class PouringTask(MujocoTask):
     :param n_threads: of the simulator; by default one per core
     """
 
-    context_names: ClassVar[tuple[str, ...]] = ("initial amount [g]", "amount to pour [g]")
+    context_names: tuple[str, ...] = ("initial amount [g]", "amount to pour [g]")
     trajectory_names: ClassVar[tuple[str, ...]] = ("wrist angle [rad]",)
-    tells_achievement: ClassVar[bool] = True
+    tells_achievement: bool = True
     exploration_scale: ClassVar[tuple[float, ...]] = (0.1,)
     reward_terms: Mapping[str, str] = {
         "short": "minus what was poured too little [g]",

@@ -105,13 +105,13 @@ class PushTask(MujocoTask):
     :raises TaskError: no such reward
     """
 
-    context_names: ClassVar[tuple[str, ...]] = ("target x [m]", "target y [m]")
+    context_names: tuple[str, ...] = ("target x [m]", "target y [m]")
     trajectory_names: ClassVar[tuple[str, ...]] = (
         "joint 1 [rad]",
         "joint 2 [rad]",
         "joint 3 [rad]",
     )
-    tells_achievement: ClassVar[bool] = True
+    tells_achievement: bool = True
     exploration_scale: ClassVar[tuple[float, ...]] = (0.1, 0.1, 0.1)
     frame_every: ClassVar[float] = 4
     #: numbered targets, shape (10, 2) in m, for `leave_one_out`

@@ -52,7 +52,7 @@ class ViaPointsTask(Task):
     :raises TaskError: another number of points
     """
 
-    context_names: ClassVar[tuple[str, ...]] = tuple(
+    context_names: tuple[str, ...] = tuple(
         f"point {i} {axis} [m]" for i in range(MOST_POINTS) for axis in "xy"
     )
     trajectory_names: ClassVar[tuple[str, ...]] = ("y [m]",)
