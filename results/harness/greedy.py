@@ -19,7 +19,7 @@ CURVE_COLUMNS = (
     "greedy_reward",
     "greedy_success",
 )
-DECIMALS = 5  # of the trajectories that records keep
+DECIMALS = 5  # of what the robot did, as records keep it
 
 
 class GreedyEvaluation(Evaluation):
@@ -32,7 +32,10 @@ class GreedyEvaluation(Evaluation):
     not counted as rollouts. As the simulation is deterministic, one that has not changed is not
     run again.
 
-    At the end, what the policy's model answers without any rollout remembered runs too.
+    At the end, what the policy's model answers without any rollout remembered runs too. Records
+    keep contexts and trajectories in single precision, as they are simulated, so that whoever
+    simulates them again gets the same bits; the greedy trajectory from which on all succeed is
+    kept as ``solving``.
 
     :param task: in which greedy trajectories run
     :param context: the run's one context, shape (C,)
@@ -58,6 +61,7 @@ class GreedyEvaluation(Evaluation):
         self._greedy: Rollouts | None = None
         self._first: Rollouts | None = None
         self._own: Rollouts | None = None
+        self._solving: Rollouts | None = None
         self._best: tuple[float, bool] = (-np.inf, False)
         self._any_success = False
 
@@ -81,7 +85,9 @@ class GreedyEvaluation(Evaluation):
             rollouts["untrained"] = self._rollout(self._first)
         if self._own is not None:
             rollouts["own"] = self._rollout(self._own)
-        values = tuple(self.context.round(DECIMALS).tolist())
+        if self._solving is not None:
+            rollouts["solving"] = self._rollout(self._solving)
+        values = tuple(exact(self.context))
         return Measurements(
             self.curve, ContextRecord(values, self.task.scene(self.context)), rollouts
         )
@@ -90,7 +96,7 @@ class GreedyEvaluation(Evaluation):
         """Return a batch of one as a record keeps it."""
         success, executed = bool(rollouts.successes[0]), rollouts.executed[0]
         return RolloutRecord(
-            rollouts.trajectories[0].round(DECIMALS).tolist(),
+            exact(rollouts.trajectories[0]),
             executed.round(DECIMALS).tolist(),
             success,
             self.task.mode_of(self.context, executed) if success else "",
@@ -138,16 +144,31 @@ class GreedyEvaluation(Evaluation):
         """Put the current greedy policy's outcome into the last row."""
         with self.stopwatch():
             action, _ = self.model.predict(self.context.astype(np.float32), deterministic=True)
-            trajectory = np.asarray(action)
+            trajectory = np.asarray(action, np.float32)
             if trajectory.tobytes() != self._evaluated:
                 self._greedy = self.task.simulate(self.context, trajectory)
                 if self._first is None:
                     self._first = self._greedy
                 self._evaluated = trajectory.tobytes()
+                if not self._greedy.successes[0]:
+                    self._solving = None
+                elif self._solving is None:
+                    self._solving = self._greedy
         self.rows[-1] |= {
             "greedy_reward": float(self.greedy.rewards[0]),
             "greedy_success": bool(self.greedy.successes[0]),
         }
+
+
+def exact(values: NDArray[np.floating]) -> list[Any]:
+    """Return numbers of single precision as short decimals that lose nothing.
+
+    >>> exact(np.array([0.1, 0.25], np.float32).astype(np.float64))
+    [0.1, 0.25]
+
+    :param values: of any shape; read them again as float32
+    """
+    return values.astype(np.float32).astype(str).astype(float).tolist()
 
 
 def changes(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from results.harness.machine import machine
 from results.harness.records import Provenance
 
 PACKAGES = (
@@ -33,6 +34,7 @@ def provenance() -> Provenance:
         python=platform.python_version(),
         platform=platform.platform(),
         started=datetime.now(UTC).isoformat(timespec="seconds"),
+        machine=machine(),
     )
 
 

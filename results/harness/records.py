@@ -8,6 +8,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from results.harness.machine import Machine
+
 Curve = dict[str, list[Any]]
 
 
@@ -140,7 +142,8 @@ class ContextRecord:
 class RolloutRecord:
     """A trajectory in the run's context.
 
-    :param trajectory: set-points, shape (T, D)
+    :param trajectory: set-points, shape (T, D), in single precision: simulated again as float32
+        they give the same bits
     :param executed: what the robot did, shape (T, D); None where it was not executed
     :param success: whether it solved the task; None where it was not executed
     :param mode: the way in which it solved the task, where there are several
@@ -160,7 +163,8 @@ class Measurements:
 
     :param curve: lists of equal length by column; one of them is ``rollouts``
     :param context: where there is but one
-    :param rollouts: by name, such as ``greedy``; ``own`` is the model's own answer
+    :param rollouts: by name: ``greedy``, the last one; ``untrained``, the first; ``solving``, the
+        greedy one from which on all succeeded; ``own``, the model's own answer; ``expert``
     :param more: anything else, as JSON values
     """
 
@@ -180,6 +184,7 @@ class Provenance:
     :param python: its version
     :param platform: of the machine
     :param started: date and time
+    :param machine: what decides the last bits; None in old records
     """
 
     commit: str | None
@@ -188,6 +193,7 @@ class Provenance:
     python: str
     platform: str
     started: str
+    machine: Machine | None = None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,109 @@
+"""The boards: which runs make up the leaderboard.
+
+A board's seeds were never tuned on, and no suite's table is made of them.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from benchmark_envs.tasks.push import EXTRAPOLATION_TARGETS
+from results.adaptation.protocol import LeaveOneOut
+from results.algorithms import CMAES
+from results.exceptions import BenchmarkError
+from results.harness.specification import RunSpecification
+from results.harness.suite import Recipe, make_suite
+from results.suites import push, quick, via_points
+
+#: of the committed rows, a folder for each board
+DATA = Path(__file__).parent / "data"
+
+
+@dataclass(frozen=True)
+class Board:
+    """A list of rows, one for each algorithm, made from equal budgets and seeds.
+
+    >>> len(BOARDS["bottles"].runs("bottles", n_seeds=2)), BOARDS["bottles"].labels[0]
+    (12, 'RC-NMP')
+
+    :param title: one line
+    :param recipe: what its runs are made of
+    :param seeds: of its runs
+    :param n_checked: how many of them, the first ones, a check does again
+    """
+
+    title: str
+    recipe: Recipe
+    seeds: tuple[int, ...]
+    n_checked: int
+
+    @property
+    def labels(self) -> list[str]:
+        """The algorithms, in the order of the rows."""
+        return list(self.recipe.algorithms)
+
+    def runs(
+        self, name: str, labels: list[str] | None = None, n_seeds: int | None = None
+    ) -> tuple[RunSpecification, ...]:
+        """Return its runs, seed by seed.
+
+        :param name: of the board
+        :param labels: of these rows; of all by default
+        :param n_seeds: of the first seeds alone
+        :raises BenchmarkError: no such row
+        """
+        seeds = self.seeds[:n_seeds]
+        return make_suite(name, self.recipe, seeds, labels=labels).specifications
+
+
+_CMAES = replace(
+    CMAES,
+    settings={"population_size": 10, "n_bases": 10},
+    description="CMA-ES over smooth deviations; the best of four settings on six tuning seeds",
+)
+_BEYOND = tuple(LeaveOneOut(target, extrapolation=True) for target in EXTRAPOLATION_TARGETS)
+_ADAPTING = ("ACNMP", "twin, nearest", "twin, ridge", "twin, Gaussian process")
+_THROUGH = ("RC-NMP", "GA", "GA, judged", "CMA-ES", "REPS")
+_POINTS = ("3 points", "6 points")
+
+BOARDS = {
+    "bottles": Board(
+        "between two bottles, from nothing",
+        replace(quick.RECIPE, algorithms={**quick.ALGORITHMS, "CMA-ES": _CMAES}, budget=200),
+        tuple(range(300, 320)),
+        n_checked=10,
+    ),
+    "push-beyond": Board(
+        "pushing to targets beyond the demonstrated ones",
+        replace(
+            push.RECIPE,
+            algorithms={label: push.ALGORITHMS[label] for label in _ADAPTING},
+            protocols=_BEYOND,
+            budget=60,
+            published=None,
+            checkpoints=(0, 20, 60),
+        ),
+        tuple(range(300, 310)),
+        n_checked=5,
+    ),
+    "via-points": Board(
+        "through three and six points",
+        replace(
+            via_points.RECIPE,
+            algorithms={label: via_points.ALGORITHMS[label] for label in _THROUGH},
+            variants={name: via_points.VARIANTS[name] for name in _POINTS},
+        ),
+        tuple(range(300, 310)),
+        n_checked=10,
+    ),
+}
+
+
+def find_board(name: str) -> Board:
+    """Return a board.
+
+    :param name: one of `BOARDS`
+    :raises BenchmarkError: there is none of that name
+    """
+    if name not in BOARDS:
+        raise BenchmarkError(f"no board '{name}'; the leaderboard has {', '.join(BOARDS)}.")
+    return BOARDS[name]
