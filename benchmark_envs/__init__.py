@@ -31,6 +31,7 @@ from benchmark_envs.tasks import (
     ViaPointsTask,
 )
 from benchmark_envs.trajectory_env import TrajectoryEnv
+from benchmark_envs.wrappers import MovementPrimitive, MovementPrimitiveWrapper
 
 if TYPE_CHECKING:
     from benchmark_envs.trajectory_vec_env import TrajectoryVecEnv
@@ -43,6 +44,8 @@ __all__ = [
     "InvalidContextError",
     "InvalidTrajectoryError",
     "Measured",
+    "MovementPrimitive",
+    "MovementPrimitiveWrapper",
     "MujocoTask",
     "ObstaclesTask",
     "PickAndPlaceTask",

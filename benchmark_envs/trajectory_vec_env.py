@@ -1,9 +1,11 @@
 """`TrajectoryVecEnv`: n episodes of a task in one call of the batched simulator."""
 
 from collections.abc import Callable
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
@@ -15,7 +17,9 @@ class TrajectoryVecEnv(DummyVecEnv):
     """SB3 VecEnv of n `TrajectoryEnv` of one task, whose rollouts are simulated as a batch.
 
     All wrappers around the environments stay in force: each environment is handed its rollout
-    before its ``step`` is called, and simulates again by itself if a wrapper changed the action.
+    before its ``step`` is called. What a `gymnasium.ActionWrapper` makes of an action, such as the
+    trajectory that `MovementPrimitiveWrapper` makes of weights, is simulated in the batch; where
+    another wrapper changed the action, its environment simulates again by itself.
 
     >>> from stable_baselines3.common.env_util import make_vec_env
     >>> env = make_vec_env("nmp/Bottles-v0", n_envs=20, vec_env_cls=TrajectoryVecEnv)
@@ -52,7 +56,22 @@ class TrajectoryVecEnv(DummyVecEnv):
     def step_wait(self) -> VecEnvStepReturn:
         """Simulate all rollouts at once, then step every environment with its own."""
         contexts = np.stack([env._current_context() for env in self._trajectory_envs])
-        rollouts = self.task.simulate(contexts, np.asarray(self.actions))
+        actions = zip(self.envs, self.actions, strict=True)
+        trajectories = np.stack([_as_executed(env, action) for env, action in actions])
+        rollouts = self.task.simulate(contexts, trajectories)
         for index, env in enumerate(self._trajectory_envs):
             env.prefetch(rollouts[index])
         return super().step_wait()
+
+
+def _as_executed(env: gym.Env, action: NDArray[Any]) -> NDArray[Any]:
+    """Return what an environment's action wrappers make of an action, the outermost first.
+
+    :param env: the environment with its wrappers
+    :param action: as the outermost one takes it
+    """
+    while isinstance(env, gym.Wrapper):
+        if isinstance(env, gym.ActionWrapper):
+            action = env.action(action)
+        env = env.env
+    return action
