@@ -26,6 +26,7 @@ from sb3_nmp.rcnmp import (
     RCNMPSkill,
     RCNMPTraining,
 )
+from sb3_nmp.transfer import SkillTransfer, TransferTraining
 
 __all__ = [
     "ACNMP",
@@ -49,9 +50,11 @@ __all__ = [
     "RCNMPSkill",
     "RCNMPTraining",
     "ShapedExploration",
+    "SkillTransfer",
     "SmoothNoise",
     "TrajectoryAlgorithm",
     "TrajectoryDistribution",
+    "TransferTraining",
     "UnknownArgumentError",
     "ViaPointWarning",
 ]

@@ -149,19 +149,40 @@ def cosine(highest: float, progress: float) -> float:
     return highest * (0.505 + 0.495 * math.cos(math.pi * progress))
 
 
+def encode_shown(network: ConditionalNeuralProcess, batch: PointBatch) -> th.Tensor:
+    """Return each member's representation of the points that are seen, shape ([E,] B, Z).
+
+    :param network: the conditional neural process
+    :param batch: points of demonstrations
+    """
+    n_seen = batch.seen.shape[-1]
+    shown = batch.values[..., :n_seen, :]
+    return network.encode_members(batch.times[..., :n_seen], shown, batch.condition, batch.seen)
+
+
+def target_likelihood(
+    network: ConditionalNeuralProcess, batch: PointBatch, representation: th.Tensor
+) -> th.Tensor:
+    """Return Eq. 4.1 for a representation, averaged over members and target points.
+
+    :param network: the conditional neural process
+    :param batch: points of demonstrations
+    :param representation: of each member, shape ([E,] B, Z)
+    :return: the negative log-likelihood, summed over dimensions
+    """
+    n_seen = batch.seen.shape[-1]
+    targets = batch.values[..., n_seen:, :]
+    predicted = network.decode_members(batch.times[..., n_seen:], representation, batch.condition)
+    return -predicted.log_prob(targets).sum(dim=-1).mean()
+
+
 def negative_log_likelihood(network: ConditionalNeuralProcess, batch: PointBatch) -> th.Tensor:
     """Return Eq. 4.1, averaged over members and target points, summed over dimensions.
 
     :param network: the conditional neural process
     :param batch: points of demonstrations
     """
-    n_seen = batch.seen.shape[-1]
-    shown, targets = batch.values[..., :n_seen, :], batch.values[..., n_seen:, :]
-    representation = network.encode_members(
-        batch.times[..., :n_seen], shown, batch.condition, batch.seen
-    )
-    predicted = network.decode_members(batch.times[..., n_seen:], representation, batch.condition)
-    return -predicted.log_prob(targets).sum(dim=-1).mean()
+    return target_likelihood(network, batch, encode_shown(network, batch))
 
 
 def pretrain(

@@ -1,0 +1,48 @@
+"""How the two networks of a skill transfer are trained."""
+
+from dataclasses import dataclass
+
+from sb3_nmp.common.settings import Rules, check_rules, settings_name
+
+
+@settings_name("transfer-training")
+@dataclass(frozen=True)
+class TransferTraining:
+    """How two CNMPs with a shared latent space are trained on proxy skills (Eq. 5.4).
+
+    >>> TransferTraining(n_steps=500).latent_weight
+    100.0
+
+    :param n_steps: steps of AdamW
+    :param batch_size: proxy skills per step
+    :param n_target_points: random time points of each robot's trajectory at which it is predicted
+    :param conditioning_points: each encoder sees at least and at most so many random points of its
+        robot's trajectory; the numbers are drawn for each robot by itself
+    :param latent_weight: of the distance between the two robots' representations, the third term
+        of Eq. 5.4; 0 leaves two networks that know nothing of each other
+    :param learning_rate: at the start; it falls to a hundredth along a cosine
+    :param weight_decay: of AdamW
+    :raises ConfigurationError: a value outside its range
+    """
+
+    n_steps: int = 3000
+    batch_size: int = 8
+    n_target_points: int = 10
+    conditioning_points: tuple[int, int] = (9, 12)
+    latent_weight: float = 100.0
+    learning_rate: float = 3e-3
+    weight_decay: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        low, high = self.conditioning_points
+        rules: Rules = {
+            "n_steps": (self.n_steps >= 1, ">= 1"),
+            "batch_size": (self.batch_size >= 1, ">= 1"),
+            "n_target_points": (self.n_target_points >= 1, ">= 1"),
+            "conditioning_points": (1 <= low <= high, "(low, high) with 1 <= low <= high"),
+            "latent_weight": (self.latent_weight >= 0, ">= 0"),
+            "learning_rate": (self.learning_rate > 0, "> 0"),
+            "weight_decay": (self.weight_decay >= 0, ">= 0"),
+        }
+        check_rules(self, rules)

@@ -1,0 +1,271 @@
+"""`SkillTransfer`: what one robot shows becomes a trajectory of another (thesis 5.1, Fig. 5.2)."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any, Literal, Self, get_args, overload
+
+import numpy as np
+import torch as th
+from numpy.typing import ArrayLike, NDArray
+
+from sb3_nmp.common.demonstrations import Demonstrations
+from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
+from sb3_nmp.common.settings import stable_name
+from sb3_nmp.models.cnmp import CNMP, CNMPArchitecture
+from sb3_nmp.models.networks import ACTIVATIONS
+from sb3_nmp.transfer.proxy_skills import ProxySkills
+from sb3_nmp.transfer.settings import TransferTraining
+from sb3_nmp.transfer.training import PairSampler, train_pair
+
+Robot = Literal["source", "target"]
+
+FILE_FORMAT = "sb3-nmp skill transfer 1"
+
+
+class SkillTransfer:
+    """Two CNMPs with one latent space, learned from proxy skills that both robots were shown.
+
+    Each robot has an encoder and a decoder of its own. Both learn their robot's demonstrations
+    (Eq. 4.1), and the representations of the same skill are drawn together (Eq. 5.4). A trajectory
+    that only one robot can show is encoded by its own encoder and decoded by the other's decoder.
+    The robots may differ in joints and time points, and any number of conditioning points is
+    taken. As in the thesis, task parameters take no part: a context only says which skill a row
+    is. From the translation, the target robot's ACNMP learns the skill: it is a set of
+    demonstrations for its own environment.
+
+    Where this departs from the thesis: each network is an ensemble of five by default, trained on
+    batches; the decoders have a linear trend and see time as waves (`CNMPArchitecture`); the
+    weight of the distance is for data in units of their own spread (``results/experiments/
+    transfer.md`` has the measurements).
+
+    >>> import numpy as np
+    >>> heights = np.linspace(-1, 1, 6)[:, None, None]
+    >>> short, long = np.linspace(0, 1, 20)[:, None], np.linspace(0, 1, 50)[:, None]
+    >>> one = Demonstrations(heights[:, 0], heights * short)  # a joint, 20 time points
+    >>> two = Demonstrations(heights[:, 0], heights * np.hstack([long, -long]))  # 2 joints, 50
+    >>> transfer = SkillTransfer(one, two, training=TransferTraining(n_steps=50), seed=0).fit()
+    >>> transfer.translate(0.5 * short).shape
+    (50, 2)
+
+    :param source: proxy skills shown by one robot; its trajectories have shape (T, D)
+    :param target: the same skills shown by the other, in the same order
+    :param architecture: of both networks
+    :param training: how they are trained
+    :param seed: of first weights and batches; None draws one
+    :raises ConfigurationError: ``source`` or ``target`` is no `Demonstrations`
+    :raises InvalidDataError: the robots show different skills, or in another order, or a skill of
+        one robot only
+    """
+
+    def __init__(
+        self,
+        source: Demonstrations,
+        target: Demonstrations,
+        *,
+        architecture: CNMPArchitecture = CNMPArchitecture(),  # noqa: B008 (frozen)
+        training: TransferTraining = TransferTraining(),  # noqa: B008 (frozen)
+        seed: int | None = None,
+    ) -> None:
+        self.skills: ProxySkills | None = ProxySkills(source, target)
+        self.architecture, self.training, self.seed = architecture, training, seed
+        self.rng = np.random.default_rng(seed)
+        first_weights = int(self.rng.integers(2**31))
+        self._networks = _networks(
+            (source.trajectory_shape, target.trajectory_shape), architecture, first_weights
+        )
+        self.is_fitted = False
+
+    @property
+    def source_network(self) -> CNMP:
+        """The source robot's CNMP."""
+        return self._networks[0]
+
+    @property
+    def target_network(self) -> CNMP:
+        """The target robot's CNMP."""
+        return self._networks[1]
+
+    def fit(self) -> Self:
+        """Train both networks on the proxy skills (Eq. 5.4); a second call goes on.
+
+        :raises ConfigurationError: it was loaded, so its demonstrations are not at hand
+        """
+        if self.skills is None:
+            raise ConfigurationError(
+                "a saved SkillTransfer does not hold its demonstrations and cannot be trained "
+                "further; make a new one with SkillTransfer(source, target)."
+            )
+        robots = []
+        for cnmp, shown in zip(
+            self._networks, (self.skills.source, self.skills.target), strict=True
+        ):
+            cnmp.set_scale(Demonstrations(np.zeros((len(shown), 1)), shown.trajectories))
+            values = cnmp.normalise(cnmp.times.new_tensor(shown.trajectories))
+            robots.append((cnmp.train(), values))
+        train_pair(self._networks, PairSampler(self.training, robots, self.rng), self.training)
+        for cnmp in self._networks:
+            cnmp.train(False)
+        self.is_fitted = True
+        return self
+
+    # -- translation ---------------------------------------------------------------------------
+
+    def encode(
+        self, trajectories: ArrayLike, times: ArrayLike | None = None, robot: Robot = "source"
+    ) -> NDArray[np.float64]:
+        """Return where trajectories lie in the shared latent space, shape (N, E * Z).
+
+        :param trajectories: shape (N, O, D) or (O, D), in the robot's unit: O conditioning points
+        :param times: of these points in [0, 1], shape (O,); equally spaced by default
+        :param robot: whose trajectories they are
+        :raises ConfigurationError: `fit` has not been called, or no such robot
+        :raises InvalidDataError: a wrong shape, a value that is not finite, a time outside [0, 1]
+        """
+        cnmp = self._network(robot)
+        values, at = _points(trajectories, times, cnmp, robot)
+        shape = values.shape[:2]
+        with th.no_grad():
+            code = cnmp.network.encode(
+                cnmp.times.new_tensor(at).expand(shape),
+                cnmp.normalise(cnmp.times.new_tensor(values)),
+                cnmp.times.new_zeros((len(values), 1)),
+                cnmp.times.new_ones(shape),
+            )
+        return code.numpy().astype(np.float64)
+
+    def decode(self, latents: ArrayLike, robot: Robot = "target") -> NDArray[np.float64]:
+        """Return a robot's trajectories for points of the latent space, shape (N, T, D).
+
+        :param latents: shape (N, E * Z), as `encode` returns them
+        :param robot: whose trajectories are wanted
+        :raises ConfigurationError: `fit` has not been called, or no such robot
+        """
+        cnmp = self._network(robot)
+        with th.no_grad():
+            code = cnmp.times.new_tensor(np.asarray(latents))
+            decoded = cnmp.mean(code.new_zeros((len(code), 1)), code)
+        return decoded.numpy().astype(np.float64)
+
+    @overload
+    def translate(
+        self, shown: Demonstrations, times: ArrayLike | None = None, *, to: Robot = "target"
+    ) -> Demonstrations: ...
+    @overload
+    def translate(
+        self, shown: ArrayLike, times: ArrayLike | None = None, *, to: Robot = "target"
+    ) -> NDArray[np.float64]: ...
+    def translate(
+        self,
+        shown: Demonstrations | ArrayLike,
+        times: ArrayLike | None = None,
+        *,
+        to: Robot = "target",
+    ) -> Demonstrations | NDArray[np.float64]:
+        """Return what one robot showed as trajectories of the other.
+
+        :param shown: shape (N, O, D) or (O, D); or `Demonstrations`, whose contexts are kept
+        :param times: of the O points in [0, 1], shape (O,); equally spaced by default
+        :param to: the robot that is to move; the other one has shown
+        :return: shape (N, T, D), or (T, D) for one; or `Demonstrations` for these
+        :raises ConfigurationError: `fit` has not been called, or no such robot
+        :raises InvalidDataError: a wrong shape, a value that is not finite, a time outside [0, 1]
+        """
+        if to not in get_args(Robot):
+            raise ConfigurationError(f"to is {to!r}; it must be 'source' or 'target'.")
+        by: Robot = "source" if to == "target" else "target"
+        if isinstance(shown, Demonstrations):
+            found = self.decode(self.encode(shown.trajectories, times, by), to)
+            return Demonstrations(shown.contexts, found)
+        found = self.decode(self.encode(shown, times, by), to)
+        return found[0] if np.ndim(shown) == 2 else found
+
+    def _network(self, robot: Robot) -> CNMP:
+        if robot not in get_args(Robot):
+            raise ConfigurationError(f"robot is {robot!r}; it must be 'source' or 'target'.")
+        if not self.is_fitted:
+            raise ConfigurationError(
+                "the networks have not been trained; call fit() first, which takes seconds."
+            )
+        return self._networks[get_args(Robot).index(robot)]
+
+    # -- files ---------------------------------------------------------------------------------
+
+    def save(self, path: str | Path) -> None:
+        """Write the trained networks to a file; the demonstrations are not in it.
+
+        :param path: of the file
+        :raises ConfigurationError: `fit` has not been called
+        """
+        self._network("source")
+        architecture = dataclasses.asdict(self.architecture)
+        architecture["activation_fn"] = stable_name(self.architecture.activation_fn)
+        content = {
+            "format": FILE_FORMAT,
+            "architecture": architecture,
+            "training": dataclasses.asdict(self.training),
+            "shapes": [(len(n.times), len(n.value_mean)) for n in self._networks],
+            "weights": [cnmp.state_dict() for cnmp in self._networks],
+        }
+        th.save(content, path)
+
+    @classmethod
+    def load(cls, path: str | Path) -> "SkillTransfer":
+        """Read what `save` wrote; it can translate, but not be trained further.
+
+        :param path: of the file
+        :raises FileFormatError: it is not such a file
+        """
+        try:
+            content: dict[str, Any] = th.load(path, weights_only=True)
+            known = content["format"] == FILE_FORMAT
+        except FileNotFoundError:
+            raise
+        except Exception as error:
+            raise FileFormatError(f"{path} holds no skill transfer: {error}") from error
+        if not known:
+            raise FileFormatError(
+                f"{path} has the format {content['format']!r}; this version reads {FILE_FORMAT!r}."
+            )
+        architecture = content["architecture"]
+        architecture["activation_fn"] = ACTIVATIONS[architecture["activation_fn"]]
+        made = cls.__new__(cls)
+        made.skills, made.seed, made.rng = None, None, np.random.default_rng()
+        made.architecture = CNMPArchitecture(**architecture)
+        made.training = TransferTraining(**content["training"])
+        made._networks = _networks(content["shapes"], made.architecture, 0)
+        for cnmp, weights in zip(made._networks, content["weights"], strict=True):
+            cnmp.load_state_dict(weights)
+            cnmp.train(False)
+        made.is_fitted = True
+        return made
+
+
+def _networks(shapes: Any, architecture: CNMPArchitecture, seed: int) -> tuple[CNMP, CNMP]:  # noqa: ANN401
+    """Return two new networks; PyTorch's own generator is left as it was."""
+    with th.random.fork_rng(devices=[]):
+        th.manual_seed(seed)
+        source, target = (CNMP(1, tuple(shape), architecture) for shape in shapes)
+    return source, target
+
+
+def _points(
+    trajectories: ArrayLike, times: ArrayLike | None, cnmp: CNMP, robot: Robot
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return conditioning points, shape (N, O, D), and their times, shape (O,), checked."""
+    values = np.asarray(trajectories, np.float64)
+    values = values[None] if values.ndim == 2 else values
+    n_joints = len(cnmp.value_mean)
+    if values.ndim != 3 or values.shape[2] != n_joints or 0 in values.shape:
+        raise InvalidDataError(
+            f"the {robot} robot's trajectories have shape (N, T, {n_joints}) or (T, {n_joints}), "
+            f"not {np.shape(trajectories)}."
+        )
+    if not np.isfinite(values).all():
+        raise InvalidDataError("the trajectories hold a value that is not finite.")
+    n = values.shape[1]
+    at = np.linspace(0.0, 1.0, n) if times is None else np.asarray(times, np.float64)
+    if at.shape != (n,) or not ((at >= 0) & (at <= 1)).all():
+        raise InvalidDataError(
+            f"times has shape {at.shape}; it must be {n} times in [0, 1], one for each point."
+        )
+    return values, at
