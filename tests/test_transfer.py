@@ -108,7 +108,7 @@ def test_any_number_of_conditioning_points_at_any_time(transfer: SkillTransfer) 
 
 
 def test_demonstrations_keep_their_contexts(transfer: SkillTransfer) -> None:
-    found = transfer.translate(Demonstrations([[7.0]], first_robot(NEW[:1])))
+    found = transfer.translate(Demonstrations(np.array([[7.0]]), first_robot(NEW[:1])))
     assert found.contexts.tolist() == [[7.0]]
     assert found.trajectory_shape == (70, 3)
 
@@ -179,7 +179,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
 
 
 def test_robots_that_show_different_skills_are_refused() -> None:
-    elsewhere = Demonstrations(GRID + [0.0, 0.1], TARGET.trajectories)
+    elsewhere = Demonstrations(GRID + 0.1, TARGET.trajectories)
     with pytest.raises(
         InvalidDataError, match=r"the source shows the skill of context .* does not"
     ):

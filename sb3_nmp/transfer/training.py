@@ -83,7 +83,8 @@ def shared_latent_loss(networks: tuple[CNMP, CNMP], pair: Pair, latent_weight: f
         target_likelihood(cnmp.network, batch, code)
         for cnmp, batch, code in zip(networks, pair, codes, strict=True)
     ]
-    return losses[0] + losses[1] + latent_weight * th.nn.functional.mse_loss(*codes)
+    distance = th.nn.functional.mse_loss(codes[0], codes[1])
+    return losses[0] + losses[1] + latent_weight * distance
 
 
 def train_pair(
