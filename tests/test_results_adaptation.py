@@ -117,7 +117,8 @@ def test_table_keeps_kinds_apart_and_names_failures():
     text = tables(runs, ["A", "B", "C"]).markdown()
     outer, inner = text.split("## ")[1:]
     assert outer.startswith(f"{TASK}, extrapolation: held-out targets 2, 9")
-    assert "| A | 3 | 150 (105–>200) | 2/3 | 1/3 | 4 (3–4) |" in outer
+    assert "| A | 3 | 150 (105–>200) | 205 [" in outer  # (60 + 150 + 200) / 2
+    assert "] | 2/3 | 1/3 | 4 (3–4) |" in outer
     assert "| B | 1 1 failed |" in outer and "not run" in inner
     assert "B on nmp/Push-v0, target 9: RuntimeError: singular (seeds 1)" in text
     assert "Budgets differ: A 200, B 1200, C 200 rollouts." in text

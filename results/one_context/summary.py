@@ -6,24 +6,30 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from results.harness.records import RunRecord
 from results.report.frames import OUTCOME_COLUMNS, outcome_row, rollouts_to_success, summarise_by
 from results.report.own_answer import own_numbers, own_row
 from results.report.statistics import (
+    expected_rollouts,
+    holm,
     interquartile_mean,
     interquartile_mean_interval,
     mean_interval,
     named,
+    permutation_p,
     probability_of_improvement,
     quantile,
     quartiles,
     success_interval,
+    verdict,
 )
 
 VIEWS = ("greedy", "best")  # what is measured: the greedy policy, the best rollout so far
 OWN = "own"  # and, at the end of the budget alone, the model's own answer
+#: what runs are compared by: a column, and 1 where more is better, -1 where less is
+MEASURES = {"reward": ("greedy_reward", 1.0), "rollouts": ("greedy_rollouts", -1.0)}
 COLUMNS = (
     *OUTCOME_COLUMNS,
     "unit",
@@ -97,7 +103,9 @@ def compare_in_contexts(runs: pd.DataFrame, reference: str) -> pd.DataFrame:
 def compare(runs: pd.DataFrame, reference: str) -> pd.DataFrame:
     """Return the probabilities that the reference's runs are better than each other algorithm's.
 
-    Two of them: ``reward`` of the final greedy policy, and ``rollouts`` until it succeeds.
+    Two of them: ``reward`` of the final greedy policy, and ``rollouts`` until it succeeds. Each has
+    a p-value, ``<name>_p_value``, corrected for all comparisons on the task by `holm`, and the
+    ``<name>_verdict`` that follows. A variant is a stratum: seeds are dealt anew within it.
 
     :param runs: of `frame`
     :param reference: the label of the algorithm that is compared with the others
@@ -107,22 +115,42 @@ def compare(runs: pd.DataFrame, reference: str) -> pd.DataFrame:
     for task, on_task in sorted(done.groupby("task"), key=lambda group: str(group[0])):
         ours = on_task.loc[on_task["label"] == reference]
         others = sorted(set(on_task["label"]) - {reference})
-        for label in others if len(ours) else []:
-            theirs = on_task.loc[on_task["label"] == label]
-            rows.append({"task": task, "reference": reference, "label": label}
-                        | _better(ours, theirs))  # fmt: skip
+        compared = [
+            {"task": task, "reference": reference, "label": label}
+            | _better(ours, on_task.loc[on_task["label"] == label])
+            for label in (others if len(ours) else [])
+        ]
+        rows += _with_verdicts(compared)
     return pd.DataFrame(rows)
 
 
-def _better(ours: pd.DataFrame, theirs: pd.DataFrame) -> dict[str, float]:
-    row: dict[str, float] = {}
-    for name, column, sign in (
-        ("reward", "greedy_reward", 1.0),
-        ("rollouts", "greedy_rollouts", -1.0),
-    ):
+def _better(ours: pd.DataFrame, theirs: pd.DataFrame) -> dict[str, Any]:
+    row: dict[str, Any] = {}
+    for name, (column, sign) in MEASURES.items():
         better = probability_of_improvement(sign * ours[column], sign * theirs[column])
         row |= named(name, ("p", "low", "high"), better)
+        strata = [
+            (_sorted(sign * mine[column]), _sorted(sign * yours[column]))
+            for variant, mine in ours.groupby("variant")
+            if len(yours := theirs.loc[theirs["variant"] == variant])
+        ]
+        row[f"{name}_p_value"] = permutation_p(strata)
     return row
+
+
+def _sorted(values: ArrayLike) -> NDArray[np.float64]:
+    """Return values in an order of their own: that of the runs does not matter."""
+    return np.sort(np.asarray(values, float))
+
+
+def _with_verdicts(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return a table's comparisons, their p-values corrected for each other, with verdicts."""
+    keys = [(row, name) for row in rows for name in MEASURES]
+    corrected = holm([row[f"{name}_p_value"] for row, name in keys])
+    for (row, name), p in zip(keys, corrected, strict=True):
+        row[f"{name}_p_value"] = float(p)
+        row[f"{name}_verdict"] = verdict(row[f"{name}_p"], float(p))
+    return rows
 
 
 def _run_row(record: RunRecord) -> dict[str, Any]:
@@ -153,6 +181,8 @@ def _numbers(done: pd.DataFrame) -> dict[str, Any]:
         rewards = done[f"{view}_reward"].to_numpy(float)
         row |= named(f"{view}_solved", ("low", "high"), success_interval(solved, len(done)))
         row |= quartiles(f"{view}_rollouts", done[f"{view}_rollouts"])
+        expected = expected_rollouts(done[f"{view}_rollouts"], done["budget"], done["seed"])
+        row |= named(f"{view}_expected", ("rollouts", "low", "high"), expected)
         row |= named(f"{view}_iqm", ("low", "high"), interquartile_mean_interval(rewards))
         row |= _mean(f"{view}_mean", rewards)
         row |= {

@@ -7,21 +7,30 @@ from typing import Any
 import pandas as pd
 
 from results.one_context.summary import OWN, VIEWS, compare, compare_in_contexts, summarise
-from results.report.footnotes import page, rollouts_cell
+from results.report.footnotes import (
+    EXPECTED_NOTE,
+    VERDICT_NOTE,
+    expected_cell,
+    page,
+    rollouts_cell,
+    verdict_text,
+)
 from results.report.own_answer import OWN_NOTE, SEES_NOTE, own_solved_cell, sees_cell
 from results.report.text_table import NOT_APPLICABLE, Cell, Page, Section, TextTable, row_cells
 
-COLUMNS = ("solved", "rollouts", "reward", "IQM")  # of each view
+COLUMNS = ("solved", "rollouts", "expected", "reward", "IQM")  # of each view
 LAST = ("own answer\nsolved", "own answer\nreward", "sees", "time\n[s]")
 HEADER = (*(f"{view}\n{column}" for view in VIEWS for column in COLUMNS), *LAST)
 NOTES = (
     "greedy: the policy that the rollouts so far gave, predict(context, deterministic=True), run "
     "in a task of its own and not counted. best: the rollout of largest reward so far.",
     "solved: runs that succeed at the end of the budget, with the 95 % Wilson interval. rollouts: "
-    "the count from which on they do, median (quartiles), unsolved runs beyond the budget. reward: "
+    "the count from which on they do, median (quartiles), unsolved runs beyond the budget. "
+    f"{EXPECTED_NOTE} reward: "
     "at the end of the budget, median. IQM: interquartile mean of the same, with its 95 % "
     "bootstrap interval over seeds. time: median seconds per run on one thread, rollouts included, "
     "greedy evaluations not.",
+    VERDICT_NOTE,
     OWN_NOTE,
     SEES_NOTE,
 )
@@ -101,7 +110,8 @@ def comparisons(runs: pd.DataFrame, reference: str) -> list[str]:
     return [
         f"{row['reference']} beats {row['label']} with probability "
         f"{_probability(row, 'reward')} in final greedy reward, "
-        f"{_probability(row, 'rollouts')} in rollouts to success."
+        f"{_probability(row, 'rollouts')} in rollouts to success: "
+        f"{verdict_text(row, 'reward')}, {verdict_text(row, 'rollouts')}."
         for row in compare(runs, reference).to_dict("records")
     ] + [
         f"{row['reference']}'s mean error minus {row['label']}'s in the {row['pairs']} contexts "
@@ -139,6 +149,7 @@ def _cells(row: Mapping[Hashable, Any], view: str) -> tuple[Cell, ...]:
     return (
         (f"{row[f'{view}_solved']:.0f}/{row['seeds']}", percent),
         rollouts_cell(counts, row["budget"]),
+        expected_cell(row, f"{view}_expected"),
         (reward, ""),
         (mean, interval),
     )

@@ -1,11 +1,22 @@
 """What tables of every protocol say below themselves; pure functions of one row per run."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
+from typing import Any
 
 import pandas as pd
 
-from results.report.text_table import Page, Section, TextTable
+from results.report.statistics import LEVEL
+from results.report.text_table import Cell, Page, Section, TextTable
+
+EXPECTED_NOTE = (
+    "expected: rollouts to success of an algorithm that is begun anew until it succeeds, all "
+    "rollouts spent by the number of successes, with its 95 % interval over seeds."
+)
+VERDICT_NOTE = (
+    "Verdicts: rank sum tests in which seeds are dealt anew between both; p-values are corrected "
+    f"for all comparisons on the task (Holm), so one false verdict or more has at most {LEVEL:.0%}."
+)
 
 
 def page(
@@ -98,3 +109,34 @@ def rollouts_cell(quartiles: Mapping[str, float], budget: float) -> tuple[str, s
     """
     median, low, high = (rollouts_text(quartiles[q], budget) for q in ("median", "q25", "q75"))
     return median, f"({low}–{high})" if low != high else f"({low})"
+
+
+def expected_cell(row: Mapping[Hashable, Any], name: str) -> Cell:
+    """Return expected rollouts to success, and their interval.
+
+    >>> expected_cell({"e_rollouts": math.inf, "e_low": 81.3, "e_high": math.inf}, "e")
+    ('∞', '[81,∞]')
+
+    :param row: with ``<name>_rollouts``, ``<name>_low`` and ``<name>_high``
+    :param name: of the columns
+    """
+    mean, low, high = (_rounded(row[f"{name}_{end}"]) for end in ("rollouts", "low", "high"))
+    return mean, "one seed" if math.isnan(row[f"{name}_low"]) else f"[{low},{high}]"
+
+
+def _rounded(count: float) -> str:
+    return "∞" if math.isinf(count) else f"{count:.0f}" if count >= 10 else f"{count:.1f}"
+
+
+def verdict_text(row: Mapping[Hashable, Any], name: str) -> str:
+    """Return a verdict with its corrected p-value.
+
+    >>> verdict_text({"reward_verdict": "better", "reward_p_value": 0.0123}, "reward")
+    'better in reward (p = 0.012)'
+
+    :param row: with ``<name>_verdict`` and ``<name>_p_value``
+    :param name: what the comparison is about
+    """
+    p = row[f"{name}_p_value"]
+    told = f"p = {p:.2g}" if p >= 0.001 else "p < 0.001"
+    return f"{row[f'{name}_verdict']} in {name} ({told})"
