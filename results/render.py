@@ -14,6 +14,7 @@ from results.algorithms import BY_NAME
 from results.exceptions import BenchmarkError
 from results.harness.record_files import read_record
 from results.harness.suite import find_label
+from sb3_nmp import FileFormatError
 
 ENDINGS = (".gif", ".mp4", ".png")
 SHEET = (2, 4)  # rows and columns of pictures
@@ -76,7 +77,11 @@ def chosen_rollout(request: RenderRequest) -> tuple[np.ndarray, np.ndarray]:
     if not request.model.exists():
         raise BenchmarkError(f"there is no model '{request.model}'; give a file of model.save().")
     algorithm = BY_NAME[find_label(request.algorithm, BY_NAME, "the benchmark")].load()
-    action, _ = algorithm.load(request.model).predict(_float32(context), deterministic=True)
+    try:
+        model = algorithm.load(request.model)
+    except FileFormatError as error:  # pickles among them: no code of a model's file is run
+        raise BenchmarkError(str(error)) from error
+    action, _ = model.predict(_float32(context), deterministic=True)
     return context, action
 
 

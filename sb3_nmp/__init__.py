@@ -11,10 +11,13 @@ from sb3_nmp.common.exceptions import (
     ContextWarning,
     FileFormatError,
     InvalidDataError,
+    PickleWarning,
     UnknownArgumentError,
+    UnsafeFileError,
     ViaPointWarning,
 )
 from sb3_nmp.common.noise import SmoothNoise
+from sb3_nmp.common.normalization import load_vec_normalize, save_vec_normalize
 from sb3_nmp.common.pd_controller import PDController
 from sb3_nmp.models.architecture import CNMPArchitecture
 from sb3_nmp.models.cnmp_training import CNMPPretraining
@@ -44,6 +47,7 @@ __all__ = [
     "FileFormatError",
     "InvalidDataError",
     "PDController",
+    "PickleWarning",
     "RCNMPAchievement",
     "RCNMPPolicy",
     "RCNMPRewardModel",
@@ -56,5 +60,8 @@ __all__ = [
     "TrajectoryDistribution",
     "TransferTraining",
     "UnknownArgumentError",
+    "UnsafeFileError",
     "ViaPointWarning",
+    "load_vec_normalize",
+    "save_vec_normalize",
 ]

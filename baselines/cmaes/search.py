@@ -10,29 +10,39 @@ from numpy.typing import NDArray
 
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.common.settings import saved_state
 
 FloatArray = NDArray[np.float64]
 #: From contexts (N, C) to trajectories (N, T, D).
 BaseModel = Callable[[FloatArray], FloatArray]
 
 
-@dataclass(frozen=True)
 class Normals:
     """Where pycma takes its normal numbers: from the generator that `ResidualSearch.ask` is given.
 
-    pycma would otherwise draw from NumPy's global generator.
+    pycma would otherwise draw from NumPy's global generator. What is drawn is kept, so that the
+    search can be made again from it.
     """
 
-    sources: list[np.random.Generator]
+    def __init__(self) -> None:
+        self.rng: np.random.Generator | None = None
+        self.drawn: list[FloatArray] = []
+        self.again: list[FloatArray] = []
 
     def __call__(self, *shape: int) -> FloatArray:
-        """Draw normal numbers.
+        """Draw normal numbers, or give those again that were drawn before.
 
         :param shape: of the array
         """
-        return self.sources[0].standard_normal(shape)
+        if self.again:
+            numbers = self.again.pop(0)
+        else:
+            numbers = cast(np.random.Generator, self.rng).standard_normal(shape)
+        self.drawn.append(numbers)
+        return numbers
 
 
+@saved_state("residual-space")
 @dataclass(frozen=True)
 class ResidualSpace:
     """The parameters of the search, each with standard deviation 1, and what they mean.
@@ -88,6 +98,7 @@ class ResidualSpace:
         return np.asarray(self.noise.sigma) * smooth
 
 
+@saved_state("residual-search")
 class ResidualSearch:
     """CMA-ES (pycma) in one context.
 
@@ -103,14 +114,18 @@ class ResidualSearch:
         self, space: ResidualSpace, base: BaseModel, shape: tuple[int, int], population_size: int
     ) -> None:
         self.space, self.shape = space, shape
+        self.population_size = population_size
         self.base: BaseModel | None = base
-        self._sources: list[np.random.Generator] = []
+        self._begin()
+
+    def _begin(self) -> None:
+        self._normals = Normals()
         self._strategy = cma.CMAEvolutionStrategy(
-            np.zeros(space.size(shape[1])),
+            np.zeros(self.space.size(self.shape[1])),
             1.0,
             {
-                "popsize": population_size,
-                "randn": Normals(self._sources),
+                "popsize": self.population_size,
+                "randn": self._normals,
                 "seed": np.nan,  # leaves NumPy's global generator alone
                 "verbose": -9,
                 "verb_log": 0,
@@ -118,10 +133,33 @@ class ResidualSearch:
         )
         self._asked: list[FloatArray] | None = None
         self._is_new = True
+        #: of every call in its order: how many were asked, or the costs that were told
+        self._history: list[int | FloatArray] = []
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is saved: all but ``base``."""
-        return self.__dict__ | {"base": None}
+        """Return what is saved: what happened, from which pycma's state follows again."""
+        return {
+            "space": self.space,
+            "shape": self.shape,
+            "population_size": self.population_size,
+            "normals": self._normals.drawn,
+            "history": self._history,
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Let everything happen again.
+
+        :param state: what `__getstate__` returned
+        """
+        self.space, self.shape = state["space"], state["shape"]
+        self.population_size, self.base = state["population_size"], None
+        self._begin()
+        self._normals.again = list(state["normals"])
+        for event in state["history"]:
+            if isinstance(event, int):
+                self._ask(event)
+            else:
+                self._tell(event)
 
     @property
     def mean(self) -> FloatArray:
@@ -143,13 +181,19 @@ class ResidualSearch:
         :param n: how many: the population size
         :param rng: the generator to draw from
         """
-        self._sources[:] = [rng]
+        self._normals.rng = rng
+        asked = self._ask(n)
+        self._normals.rng = None
+        return self.trajectories(np.stack(asked))
+
+    def _ask(self, n: int) -> list[FloatArray]:
+        """Return n vectors of parameters, each of shape (P,)."""
+        self._history.append(n)
         asked = [np.asarray(x, np.float64) for x in self._strategy.ask(n)]
-        self._sources.clear()
         if self._is_new:
             asked[0] = self.mean
         self._asked = asked
-        return self.trajectories(np.stack(asked))
+        return asked
 
     def tell(self, rollouts: Generation) -> None:
         """Update the distribution.
@@ -157,6 +201,10 @@ class ResidualSearch:
         :param rollouts: those of the last `ask` in their order; others of this context say only
             that the base trajectory has been tried
         """
+        self._tell(-rollouts.rewards)
+
+    def _tell(self, costs: FloatArray) -> None:
+        self._history.append(costs)
         asked, self._asked, self._is_new = self._asked, None, False
         if asked is not None:
-            self._strategy.tell(asked, (-rollouts.rewards).tolist())
+            self._strategy.tell(asked, costs.tolist())

@@ -8,8 +8,10 @@ import numpy as np
 
 from baselines.primitives.primitive import FloatArray, Primitive, Response
 from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.settings import settings_name
 
 
+@settings_name("dmp")
 @dataclass(frozen=True)
 class DMP(Primitive):
     """A spring-damper system that a learnt force bends on its way from the start to the goal.

@@ -7,8 +7,10 @@ import numpy as np
 
 from baselines.primitives.primitive import Primitive, Response
 from sb3_nmp.common.pd_controller import PDController
+from sb3_nmp.common.settings import settings_name
 
 
+@settings_name("pd-filtered")
 @dataclass(frozen=True)
 class PDFiltered(Primitive):
     """What the PD controller makes of a primitive's trajectory: it ends near the goal.

@@ -9,8 +9,10 @@ from numpy.typing import ArrayLike
 from baselines.primitives.primitive import FloatArray, Primitive, Response
 from baselines.primitives.weight_distribution import WeightDistribution
 from sb3_nmp.common.exceptions import ConfigurationError, InvalidDataError
+from sb3_nmp.common.settings import settings_name
 
 
+@settings_name("promp")
 @dataclass(frozen=True)
 class ProMP(Primitive):
     """A trajectory as a weighted mean of the weights, by normalised Gaussian bases over time.

@@ -13,8 +13,10 @@ from baselines.promp_rl.reps_search import decode
 from baselines.reps.dual import solve
 from baselines.reps.gaussian import FloatArray
 from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.common.settings import saved_state, settings_name
 
 
+@settings_name("relevance-search-settings")
 @dataclass(frozen=True)
 class RelevanceSettings:
     """Of `RelevanceSearch`.
@@ -27,6 +29,7 @@ class RelevanceSettings:
     floor: FloatArray
 
 
+@saved_state("relevance-search")
 class RelevanceSearch:
     """Improves one objective after the other, moving mostly the weights that matter to it.
 

@@ -10,8 +10,10 @@ from baselines.reps.dual import solve
 from baselines.reps.gaussian import FitSettings, FloatArray, LinearGaussian, weighted_fit
 from baselines.reps.samples import Samples
 from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.common.settings import saved_state, settings_name
 
 
+@settings_name("reps-search-settings")
 @dataclass(frozen=True)
 class RepsSettings:
     """Of `RepsSearch`.
@@ -26,6 +28,7 @@ class RepsSettings:
     fit: FitSettings
 
 
+@saved_state("reps-search")
 class RepsSearch:
     """Searches the weights of a primitive from a given Gaussian on.
 

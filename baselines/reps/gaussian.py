@@ -8,11 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sb3_nmp.common.settings import saved_state, settings_name
+
 FloatArray = NDArray[np.float64]
 
 SLOPE_RIDGE = 0.1  # prior strength of "the mean does not depend on the context"
 
 
+@saved_state("linear-gaussian")
 @dataclass(frozen=True)
 class LinearGaussian:
     """N(features @ coefficients, covariance).
@@ -78,6 +81,7 @@ def weighted_regression(
     return np.concatenate([(middle - centre @ slopes)[None], slopes]).astype(np.float64)
 
 
+@settings_name("reps-fit")
 @dataclass(frozen=True)
 class FitSettings:
     """How a Gaussian is fitted to few weighted samples without collapsing.

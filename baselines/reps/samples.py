@@ -5,8 +5,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from baselines.reps.gaussian import FloatArray, weighted_regression
+from sb3_nmp.common.settings import saved_state
 
 
+@saved_state("reps-samples")
 @dataclass(frozen=True)
 class Samples:
     """Weights of a movement primitive that were tried, and their rewards.

@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 from sb3_nmp.acnmp.settings import ACNMPExploration
 from sb3_nmp.bayesian.search import Subspace, TrustRegion
 from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.common.settings import saved_state
 
 FloatArray = NDArray[np.float64]
 
 
+@saved_state("policy-search")
 class PolicySearch:
     """Draws every generation around the policy's answer, as the thesis does.
 

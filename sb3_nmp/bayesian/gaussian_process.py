@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
+from sb3_nmp.common.settings import saved_state
+
 FloatArray = NDArray[np.float64]
 #: view, length, noise, variance, Cholesky factor of the correlation, weights
 Choice = tuple[FloatArray, float, float, float, FloatArray, FloatArray]
@@ -35,6 +37,7 @@ def kernel(squares: FloatArray, n_seen: int, length: float) -> FloatArray:
     return np.exp(squares * (-0.25 / n_seen / length**2))
 
 
+@saved_state("hypotheses")
 @dataclass(frozen=True)
 class Hypotheses:
     """What the evidence decides between.

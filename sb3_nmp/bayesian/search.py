@@ -13,6 +13,7 @@ from sb3_nmp.bayesian.critic import Critic
 from sb3_nmp.bayesian.gaussian_process import Hypotheses
 from sb3_nmp.bayesian.settings import ACNMPCritic
 from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.common.settings import saved_state
 
 FloatArray = NDArray[np.float64]
 
@@ -20,6 +21,7 @@ FloatArray = NDArray[np.float64]
 RECHOOSE = 1.1
 
 
+@saved_state("subspace")
 @dataclass(frozen=True)
 class Subspace:
     """The trajectories ``origin + x @ directions``.
@@ -62,6 +64,7 @@ class Subspace:
         return deviations @ self._projection
 
 
+@saved_state("trust-region")
 @dataclass
 class TrustRegion:
     """How far from the best rollout is searched: farther after success, nearer without.
@@ -90,6 +93,7 @@ class TrustRegion:
         self.radius = float(np.clip(self.radius * factor, *self.limits))
 
 
+@saved_state("critic-search")
 @dataclass
 class CriticSearch:
     """Bayesian optimisation around a fixed trajectory, the policy's answer when it begins.

@@ -12,7 +12,6 @@ from typing import Any, ClassVar, Self, Unpack, cast
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
-from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback, Schedule
@@ -26,6 +25,7 @@ from sb3_nmp.common.environment import Scale
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.policies import TrajectoryPolicy
 from sb3_nmp.common.rollouts import Generation, Information
+from sb3_nmp.common.saving import SafeFiles
 from sb3_nmp.common.settings import Rules, check_rules
 
 FOR_BANDITS: dict[str, Any] = {
@@ -34,7 +34,7 @@ FOR_BANDITS: dict[str, Any] = {
 }
 
 
-class TrajectoryAlgorithm(BaseAlgorithm):
+class TrajectoryAlgorithm(SafeFiles):
     """Base class of the algorithms that search a trajectory for a contextual bandit.
 
     One SB3 timestep is one rollout, which is one episode. A generation may be cut by the end of
@@ -202,7 +202,7 @@ class TrajectoryAlgorithm(BaseAlgorithm):
         return tuple((self.default_exploration * found).tolist())
 
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "demonstrations"]
+        return [*super()._excluded_save_params(), "demonstrations", "lr_schedule"]
 
     # -- the loop ------------------------------------------------------------------------------
 

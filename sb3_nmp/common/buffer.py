@@ -1,7 +1,5 @@
 """The buffer of all rollouts that an algorithm has seen, and how rewards rank them."""
 
-import zipfile
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -9,12 +7,15 @@ from numpy.typing import NDArray
 from scipy.stats import rankdata
 
 from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
+from sb3_nmp.common.files import AnyPath, read_arrays, writing
+from sb3_nmp.common.settings import saved_state
 
 FILE_KEYS = ("contexts", "trajectories", "rewards", "successes", "achieved")
 #: how a network sees rewards: by place in [-1, 1], or with mean 0 and standard deviation 1
 RewardScaling = Literal["rank", "standardize"]
 
 
+@saved_state("trajectory-buffer")
 class TrajectoryBuffer:
     """Contexts, trajectories and rewards of past rollouts, oldest first.
 
@@ -133,14 +134,12 @@ class TrajectoryBuffer:
         self._rewards = self._rewards[keep]
         self._successes, self._achieved = self._successes[keep], self._achieved[keep]
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: AnyPath) -> None:
         """Write the buffer as .npz, without pickled objects, in one atomic step.
 
-        :param path: of the file; its folder must exist
+        :param path: of the file, or an open one; its folder is made
         """
-        target = Path(path)
-        partial = target.with_name(f".{target.name}.partial")
-        with partial.open("wb") as file:
+        with writing(path) as file:
             np.savez_compressed(
                 file,
                 contexts=self._contexts,
@@ -149,9 +148,8 @@ class TrajectoryBuffer:
                 successes=self._successes,
                 achieved=self._achieved,
             )
-        partial.replace(target)
 
-    def load(self, path: str | Path) -> None:
+    def load(self, path: AnyPath) -> None:
         """Replace the content by that of a file.
 
         :param path: of a file that `save` wrote
@@ -159,12 +157,11 @@ class TrajectoryBuffer:
         :raises InvalidDataError: its arrays do not fit this buffer
         """
         try:
-            with np.load(path, allow_pickle=False) as file:
-                arrays = [file[key] for key in FILE_KEYS]
-        except (KeyError, ValueError, zipfile.BadZipFile) as error:
+            arrays = read_arrays(path, FILE_KEYS)
+        except FileFormatError as error:
             raise FileFormatError(
                 f"{path} is not a trajectory buffer (.npz with {', '.join(FILE_KEYS)}, written by "
-                f"save_replay_buffer): {error}"
+                f"save_replay_buffer; pickles are not read): {error}"
             ) from error
         loaded = TrajectoryBuffer(
             self._contexts.shape[1], self._trajectories.shape[1:], self.capacity, self.n_elites

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.common.settings import saved_state
 
 FloatArray = NDArray[np.float64]
 
@@ -26,6 +27,7 @@ class Search(Protocol):
         ...
 
 
+@saved_state("context-search")
 @dataclass
 class ContextSearch:
     """A context that is searched, because the policy did not satisfy there or it is pinned.
@@ -67,6 +69,7 @@ class ContextSearch:
         return solved or self.n_generations >= max_generations
 
 
+@saved_state("proposals")
 @dataclass(frozen=True)
 class Proposals:
     """What the G members of a generation execute.

@@ -14,7 +14,7 @@ import numpy as np
 import torch as th
 from numpy.typing import NDArray
 
-from sb3_nmp.common.settings import settings_name
+from sb3_nmp.common.settings import saved_state, settings_name
 
 FloatArray = NDArray[np.float64]
 
@@ -171,6 +171,7 @@ class ContextualExploration:
     stride: float = 3.0
 
 
+@saved_state("contextual-search")
 @dataclass
 class ContextualSearch:
     """Where a search over varying contexts stands; it is saved with the model.

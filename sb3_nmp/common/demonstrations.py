@@ -1,11 +1,9 @@
 """`Demonstrations`: what an expert showed, checked once and never changed."""
 
 import hashlib
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any, Protocol, cast, runtime_checkable
 
 import gymnasium as gym
@@ -13,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
+from sb3_nmp.common.files import AnyPath, read_arrays, writing
+from sb3_nmp.common.settings import settings_name
 
 FloatArray = NDArray[np.float64]
 
@@ -32,6 +32,7 @@ class Expert(Protocol):
         ...
 
 
+@settings_name("demonstrations")
 @dataclass(frozen=True, eq=False)
 class Demonstrations:
     """N expert trajectories, each with the context that it solves; the arrays are read-only.
@@ -186,19 +187,16 @@ class Demonstrations:
 
     # -- files ---------------------------------------------------------------------------------
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: AnyPath) -> None:
         """Write the set as .npz, without pickled objects, in one atomic step.
 
-        :param path: of the file; its folder must exist
+        :param path: of the file, or an open one; its folder is made
         """
-        target = Path(path)
-        partial = target.with_name(f".{target.name}.partial")
-        with partial.open("wb") as file:
+        with writing(path) as file:
             np.savez_compressed(file, contexts=self.contexts, trajectories=self.trajectories)
-        partial.replace(target)
 
     @classmethod
-    def load(cls, path: str | Path) -> "Demonstrations":
+    def load(cls, path: AnyPath) -> "Demonstrations":
         """Read a set that `save` wrote, or any .npz with ``contexts`` and ``trajectories``.
 
         :param path: of the file
@@ -206,9 +204,8 @@ class Demonstrations:
         :raises InvalidDataError: its arrays are no demonstrations
         """
         try:
-            with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-                arrays = [file[key] for key in FILE_KEYS]
-        except (KeyError, ValueError, EOFError, TypeError, zipfile.BadZipFile) as error:
+            arrays = read_arrays(path, FILE_KEYS)
+        except FileFormatError as error:
             raise FileFormatError(
                 f"{path} does not hold demonstrations (.npz with the arrays "
                 f"{' and '.join(FILE_KEYS)}, no pickled objects): {error}"

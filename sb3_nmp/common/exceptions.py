@@ -17,6 +17,14 @@ class FileFormatError(ValueError):
     """A file is not one that this library wrote."""
 
 
+class UnsafeFileError(FileFormatError):
+    """Reading a file could run code that stands in it."""
+
+
+class PickleWarning(UserWarning):
+    """A part of a model can be saved as a pickle only, which `load` reads only when asked to."""
+
+
 class ViaPointWarning(UserWarning):
     """A trajectory misses a via-point, since the action space allows no more."""
 

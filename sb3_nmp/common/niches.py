@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sb3_nmp.common.buffer import TrajectoryBuffer
+from sb3_nmp.common.settings import saved_state
 
 FloatArray = NDArray[np.float64]
 
@@ -34,6 +35,7 @@ class View:
     fresh: float = 0.0
 
 
+@saved_state("niches")
 @dataclass
 class Niches:
     """How far the search for several ways has come; it is saved with the model.

@@ -2,7 +2,7 @@
 
 import warnings
 from abc import abstractmethod
-from typing import Any, cast
+from typing import Any, Self, cast
 
 import numpy as np
 import torch as th
@@ -10,9 +10,11 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import PyTorchObs
+from stable_baselines3.common.utils import ConstantSchedule, get_device
 
+from sb3_nmp.common import files
 from sb3_nmp.common.elites import EliteMemory
-from sb3_nmp.common.exceptions import ConfigurationError, ContextWarning
+from sb3_nmp.common.exceptions import ConfigurationError, ContextWarning, UnsafeFileError
 from sb3_nmp.common.repertoire import Repertoire
 
 
@@ -34,8 +36,42 @@ class TrajectoryPolicy(BasePolicy):
         return {
             "observation_space": self.observation_space,
             "action_space": self.action_space,
-            "lr_schedule": self._dummy_schedule,  # a loaded policy is not trained further
+            "lr_schedule": ConstantSchedule(0.0),  # a loaded policy is not trained further
         }
+
+    def save(self, path: files.AnyPath) -> None:
+        """Write the policy without the algorithm; see SB3.
+
+        :param path: of the file, or an open one
+        """
+        parts = {"data": self._get_constructor_parameters(), "state": self.state_dict()}
+        files.write(path, "policy", parts)
+
+    @classmethod
+    def load(
+        cls,
+        path: files.AnyPath,
+        device: th.device | str = "auto",
+        *,
+        allow_pickle: bool = False,
+    ) -> Self:
+        """Read a policy; see SB3. No code from the file is run.
+
+        :param path: of a file that `save` wrote, or an open one
+        :param device: of the policy
+        :param allow_pickle: read files with pickles too, which **can run any code**
+        :raises UnsafeFileError: the file holds pickles, and ``allow_pickle`` is False
+        :raises FileFormatError: it is no policy, or damaged
+        """
+        try:
+            saved = files.read(path, "policy", allow_pickle=allow_pickle)
+        except UnsafeFileError:
+            if not allow_pickle:
+                raise
+            return super().load(path, device)  # pyright: ignore[reportArgumentType]
+        policy = cls(**saved["data"])
+        policy.load_state_dict(saved["state"])
+        return policy.to(get_device(device))
 
     def own_answer(self, contexts: NDArray[np.floating]) -> NDArray[np.float64] | None:
         """Return what was learned, without any rollout remembered, inside the space, (N, T, D).

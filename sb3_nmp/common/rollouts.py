@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sb3_nmp.common.exceptions import InvalidDataError
+from sb3_nmp.common.settings import saved_state
 
 IS_SUCCESS = "is_success"
 STEP_REWARDS = "step_rewards"
@@ -47,6 +48,7 @@ class RolloutInfo(TypedDict, total=False):
     achieved_context: NDArray[np.float64]
 
 
+@saved_state("generation")
 @dataclass(frozen=True)
 class Generation:
     """The N rollouts of a generation, in the order of its members.

@@ -1,7 +1,9 @@
 """Settings: their names in files, their presets, and the rules that they must fit.
 
-A file that held ``module:Class`` could not be read after the class has moved. So every settings
-class has a name that stays, written beside it: ``@settings_name("smooth-noise")``.
+A file that held ``module:Class`` could not be read after the class has moved, and reading it could
+import anything. So every settings class has a name that stays, written beside it:
+``@settings_name("smooth-noise")``. So has every class whose objects are part of a model's state,
+such as a search that is under way: ``@saved_state("critic-search")``.
 """
 
 from collections.abc import Callable, Mapping
@@ -15,10 +17,13 @@ Rules = Mapping[str, tuple[bool, str]]
 Class = TypeVar("Class", bound=type)
 
 _NAMES: dict[type, str] = {}
+_STATES: set[type] = set()
 
 
 def settings_name(name: str) -> Callable[[Class], Class]:
     """Return a decorator that registers a class under a name that stays.
+
+    Objects of a registered dataclass are saved by their fields and made anew by the constructor.
 
     :param name: lower case, such as ``"smooth-noise"``
     :raises ConfigurationError: another class has this name
@@ -35,6 +40,42 @@ def settings_name(name: str) -> Callable[[Class], Class]:
         return cls
 
     return register
+
+
+def saved_state(name: str) -> Callable[[Class], Class]:
+    """Return a decorator that registers a class whose objects are saved as they are.
+
+    They are saved by their attributes, or by what ``__getstate__`` returns, and filled with these
+    again, or by ``__setstate__``, without a call of the constructor.
+
+    :param name: as in `settings_name`
+    :raises ConfigurationError: another class has this name
+    """
+
+    def register(cls: Class) -> Class:
+        _STATES.add(settings_name(name)(cls))
+        return cls
+
+    return register
+
+
+def is_state(cls: type) -> bool:
+    """Tell whether a class was registered by `saved_state`.
+
+    :param cls: any class
+    """
+    return cls in _STATES
+
+
+def class_named(name: str) -> type | None:
+    """Return the class that is registered under a name; None where there is none.
+
+    >>> class_named("smooth-noise").__name__
+    'SmoothNoise'
+
+    :param name: a name that stays
+    """
+    return next((cls for cls, known in _NAMES.items() if known == name), None)
 
 
 def stable_name(cls: type) -> str:

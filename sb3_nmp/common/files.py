@@ -1,0 +1,239 @@
+"""Files that hold a model, a policy or statistics: a zip with JSON and safetensors, no pickles.
+
+`CONTENT` holds what `sb3_nmp.common.codec` makes of the values, `TENSORS` their arrays. What cannot
+be said like that, such as a function of the user's, stands in ``pickled``, as Stable-Baselines3
+saves it, and is read only where the user says so.
+"""
+
+import base64
+import json
+import warnings
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from io import BufferedIOBase, BytesIO
+from os import PathLike, fspath, getpid
+from pathlib import Path
+from typing import Any, cast
+from uuid import uuid4
+
+import cloudpickle
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load as read_tensors
+from safetensors.numpy import save as write_tensors
+from stable_baselines3.common.save_util import open_path
+
+from sb3_nmp.common.codec import Decoder, Encoder, UnknownKindError
+from sb3_nmp.common.exceptions import FileFormatError, PickleWarning, UnsafeFileError
+
+CONTENT, TENSORS = "sb3_nmp.json", "tensors.safetensors"
+#: of the layout; a reader refuses newer ones
+VERSION = 1
+
+AnyPath = str | PathLike[str] | BufferedIOBase
+DAMAGE = (
+    AttributeError, EOFError, IndexError, KeyError, NotImplementedError, OSError, RecursionError,
+    RuntimeError, SafetensorError, TypeError, ValueError, zipfile.BadZipFile,
+)  # fmt: skip
+
+
+@contextmanager
+def writing(path: AnyPath, suffix: str = "") -> Iterator[BufferedIOBase]:
+    """Open a file for writing that appears whole or not at all; its folders are made.
+
+    :param path: of the file, or a file that is open already
+    :param suffix: that a path without one gets, such as ``"zip"``
+    """
+    if not isinstance(path, str | PathLike):
+        yield cast(BufferedIOBase, open_path(path, "w"))
+        return
+    target = Path(path)
+    if suffix and not target.suffix:
+        target = Path(f"{fspath(target)}.{suffix}")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    partial = target.with_name(f".{target.name}.{getpid()}-{uuid4().hex[:8]}.partial")
+    try:
+        with partial.open("wb") as file:
+            yield cast(BufferedIOBase, file)
+        partial.replace(target)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write(
+    path: AnyPath, kind: str, parts: Mapping[str, Mapping[str, Any]], suffix: str = ""
+) -> None:
+    """Write values.
+
+    :param path: of the file, or an open one
+    :param kind: what it holds, such as ``"model"``
+    :param parts: groups of named values; a value that has no form in a file is pickled, with a
+        `PickleWarning`
+    :param suffix: that a path without one gets
+    """
+    encoder, groups, pickled = Encoder(), {}, {}
+    for group, values in parts.items():
+        groups[group], pickled[group] = {}, {}
+        for name, value in values.items():
+            try:
+                tried = Encoder()
+                groups[group][name] = tried.encode(value, f"{group}.{name}")
+                encoder.arrays |= tried.arrays
+            except UnknownKindError as error:
+                _warn(name, error)
+                pickled[group][name] = base64.b64encode(cloudpickle.dumps(value)).decode()
+    content = {
+        "kind": kind,
+        "version": VERSION,
+        "parts": groups,
+        "pickled": {group: held for group, held in pickled.items() if held},
+    }
+    with writing(path, suffix) as file, zipfile.ZipFile(file, "w") as archive:
+        archive.writestr(CONTENT, json.dumps(content, allow_nan=False), zipfile.ZIP_DEFLATED)
+        archive.writestr(TENSORS, write_tensors(encoder.arrays))
+
+
+def _warn(name: str, error: UnknownKindError) -> None:
+    warnings.warn(
+        f"'{name}' holds {error}, which can be saved as a pickle only: to read the file, "
+        f"load(..., allow_pickle=True) or custom_objects={{'{name}': ...}} will be needed. A "
+        "schedule of stable_baselines3.common.utils instead of a function, and a class with "
+        "@settings_name or @saved_state above it, do without.",
+        PickleWarning,
+        stacklevel=4,
+    )
+
+
+def read(
+    path: AnyPath,
+    kind: str,
+    suffix: str = "",
+    replaced: Mapping[str, Any] | None = None,
+    allow_pickle: bool = False,
+    only: Sequence[str] | None = None,
+) -> dict[str, dict[str, Any]]:
+    """Return the groups of values that `write` wrote.
+
+    :param path: of the file, or an open one
+    :param kind: what it must hold
+    :param suffix: that is tried where a path without one does not exist
+    :param replaced: values that stand for those of the file, which are not read
+    :param allow_pickle: read pickles too, which can run any code
+    :param only: the groups that are wanted; None reads all
+    :raises FileFormatError: it is no such file, or damaged
+    :raises UnsafeFileError: it holds pickles, and ``allow_pickle`` is False
+    :raises FileNotFoundError: there is none
+    """
+    content, tensors = _members(path, kind, suffix)
+    replaced, decoder = replaced or {}, Decoder(tensors)
+    found: dict[str, dict[str, Any]] = {}
+    try:
+        for group in content["parts"] if only is None else only:
+            held, pickled = content["parts"][group], content["pickled"].get(group, {})
+            given = {name: replaced[name] for name in (*held, *pickled) if name in replaced}
+            asked = [name for name in pickled if name not in given]
+            if asked and not allow_pickle:
+                raise _pickled(path, asked)
+            found[group] = given | {
+                name: decoder.decode(part) for name, part in held.items() if name not in given
+            }
+            for name in asked:
+                found[group][name] = cloudpickle.loads(base64.b64decode(pickled[name]))
+    except UnsafeFileError:
+        raise
+    except DAMAGE as error:
+        raise FileFormatError(
+            f"{_name(path)} cannot be read: {type(error).__name__}: {error} It is damaged, or was "
+            "written by another version."
+        ) from error
+    return found
+
+
+def read_arrays(path: AnyPath, keys: Sequence[str]) -> list[NDArray[Any]]:
+    """Return arrays of an .npz file without pickled objects.
+
+    :param path: of the file, or an open one
+    :param keys: of the arrays
+    :raises FileFormatError: it is no such file, or lacks one of them
+    :raises FileNotFoundError: there is none
+    """
+    try:
+        with np.load(BytesIO(_bytes(path, "")), allow_pickle=False) as file:
+            return [file[key] for key in keys]
+    except FileNotFoundError:
+        raise
+    except DAMAGE as error:
+        raise FileFormatError(f"{type(error).__name__}: {error}") from error
+
+
+def _name(path: AnyPath) -> str:
+    return f"'{fspath(path)}'" if isinstance(path, str | PathLike) else "the open file"
+
+
+def _pickled(path: AnyPath, names: list[str]) -> UnsafeFileError:
+    return UnsafeFileError(
+        f"{_name(path)} holds {', '.join(map(repr, names))} as a pickle, which can run any code "
+        "when it is read. If you trust who wrote it, load it with allow_pickle=True; or replace "
+        f"what is pickled: custom_objects={{{names[0]!r}: ...}}."
+    )
+
+
+def _members(
+    path: AnyPath, kind: str, suffix: str
+) -> tuple[dict[str, Any], dict[str, NDArray[np.generic]]]:
+    """Return the JSON and the arrays of a file.
+
+    :raises FileFormatError: it is no file of this library, or is one of another kind
+    """
+    name, raw = _name(path), _bytes(path, suffix)
+    try:
+        with zipfile.ZipFile(BytesIO(raw)) as archive:
+            if set(archive.namelist()) != {CONTENT, TENSORS}:
+                raise _foreign(name, kind, archive.namelist())
+            content = json.loads(archive.read(CONTENT))
+            tensors = read_tensors(archive.read(TENSORS))
+        version, found = content["version"], content["kind"]
+    except FileFormatError:
+        raise
+    except DAMAGE as error:
+        raise FileFormatError(
+            f"{name} is no {kind} that this library saved, or is damaged: {type(error).__name__}: "
+            f"{error} Pickles and other foreign files are not read."
+        ) from error
+    if found != kind:
+        raise FileFormatError(f"{name} holds a {found}; a {kind} is needed.")
+    if version != VERSION:
+        raise FileFormatError(
+            f"{name} has version {version} of the file format, and this library reads {VERSION}: "
+            "install the version of sb3-nmp that wrote it."
+        )
+    return content, tensors
+
+
+def _foreign(name: str, kind: str, members: list[str]) -> FileFormatError:
+    """Return the error for a zip without our content."""
+    if "data" in members or any(member.endswith("data.pkl") for member in members):
+        return UnsafeFileError(
+            f"{name} is in the format of Stable-Baselines3, whose pickles can run any code when "
+            "they are read (models of this library were saved like that before version 0.2). If "
+            "you trust who wrote it, load it with allow_pickle=True, and save it again to be rid "
+            "of the pickles."
+        )
+    return FileFormatError(
+        f"{name} is no {kind} that this library saved: such a zip holds {CONTENT} and {TENSORS}, "
+        f"and this one {', '.join(members) or 'nothing'}."
+    )
+
+
+def _bytes(path: AnyPath, suffix: str) -> bytes:
+    """Return a file's content; an open file is left where it was."""
+    if isinstance(path, str | PathLike):
+        with open_path(Path(path), "r", suffix=suffix or None) as file:
+            return file.read()
+    file = open_path(path, "r")
+    start = file.tell()
+    content = file.read()
+    file.seek(start)
+    return content
