@@ -12,7 +12,7 @@ PACKAGES := baselines benchmark_envs results sb3_nmp
 PYTEST := $(BIN)/pytest -n auto --maxprocesses $(WORKERS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup bench test test-slow test-latest check format clean distclean
+.PHONY: help setup bench test test-slow test-latest leaderboard check format clean distclean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
@@ -34,7 +34,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@echo "Installed in .venv."
 
 # One thread a process: the runs themselves are spread over the cores.
-bench test test-slow test-latest: export OMP_NUM_THREADS = 1
+bench test test-slow test-latest leaderboard: export OMP_NUM_THREADS = 1
 
 bench: setup ## run the quick suite over 5 seeds, then print its table and draw its plots
 	$(BIN)/nmp-bench run --suite $(SUITE) --seeds $(SEEDS)
@@ -47,6 +47,10 @@ test: setup ## tests and doctests, without the slow ones
 
 test-slow: setup ## the slow, statistical tests alone
 	$(PYTEST) -m slow
+
+leaderboard: setup ## verify the leaderboard, do a part of its runs again, and fail where one is worse
+	$(BIN)/nmp-bench leaderboard verify
+	$(PYTEST) -m leaderboard
 
 # All pins but MuJoCo's, whose newest version is newer than gymnasium-robotics takes.
 $(LATEST)/installed: pyproject.toml constraints.txt

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from results.exceptions import BenchmarkError
+from results.leaderboard.commands import add_leaderboard
 from results.suites import check_suite, describe_suites
 from results.thesis import FIGURES, TABLES, describe
 
@@ -62,6 +63,9 @@ def build_parser() -> argparse.ArgumentParser:
     _add_table(commands.add_parser("table", help="print the table of runs"))
     _add_plot(commands.add_parser("plot", help="draw learning curves and final paths"))
     _add_reproduce(commands.add_parser("reproduce", help="make a figure of the thesis anew"))
+    add_leaderboard(
+        commands.add_parser("leaderboard", help="the committed rows: show, update, check, verify")
+    )
     _add_render(commands.add_parser("render", help="draw a run's or a model's rollout"))
     return parser
 

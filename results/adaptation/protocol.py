@@ -42,6 +42,13 @@ class Adaptation(Protocol):
         """The number of the context to adapt to."""
         return self.target
 
+    def context(self, run: RunTask) -> FloatArray:
+        """Return the one that is held out, shape (C,).
+
+        :param run: its task and seed
+        """
+        return self.split(run.task_id)[1]
+
     def prepare(self, run: RunTask, on_rollouts: OnRollouts | None = None) -> PreparedRun:
         """Demonstrate the other contexts, and pin the environment to the one to adapt to.
 

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from stable_baselines3.common.vec_env import VecEnv
 
-from results.harness.environments import RunTask
+from results.harness.environments import FloatArray, RunTask
 from results.harness.evaluation import Evaluation
 from results.harness.records import Curve, TaskRecord
 from sb3_nmp import Demonstrations
@@ -51,6 +51,13 @@ class Protocol(ABC):
     def kind(self) -> str:
         """The kind of that context; tables keep kinds apart."""
         return ""
+
+    def context(self, run: RunTask) -> FloatArray | None:
+        """Return the one context that a run takes place in, shape (C,); None where there are many.
+
+        :param run: its task and seed
+        """
+        return None
 
     @abstractmethod
     def prepare(self, run: RunTask, on_rollouts: OnRollouts | None = None) -> PreparedRun:

@@ -69,7 +69,7 @@ BOARDS = {
     "bottles": Board(
         "between two bottles, from nothing",
         replace(quick.RECIPE, algorithms={**quick.ALGORITHMS, "CMA-ES": _CMAES}, budget=200),
-        tuple(range(300, 320)),
+        tuple(range(300, 310)),
         n_checked=10,
     ),
     "push-beyond": Board(

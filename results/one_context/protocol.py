@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from results.harness.environments import RunTask
+from results.harness.environments import FloatArray, RunTask
 from results.harness.greedy import GreedyEvaluation
 from results.harness.protocol import OnRollouts, PreparedRun, Protocol
 from results.harness.records import Curve
@@ -20,13 +20,20 @@ class OneContext(Protocol):
 
     name: ClassVar[str] = "one-context"
 
+    def context(self, run: RunTask) -> FloatArray:
+        """Return what the run's seed draws, shape (C,).
+
+        :param run: its task and seed
+        """
+        return run.task.sample_context(np.random.default_rng(run.seed))
+
     def prepare(self, run: RunTask, on_rollouts: OnRollouts | None = None) -> PreparedRun:
         """Draw the context, and pin the environment to it.
 
         :param run: its task, seed and budget
         :param on_rollouts: told the number of rollouts so far
         """
-        context = run.task.sample_context(np.random.default_rng(run.seed))
+        context = self.context(run)
         evaluation = GreedyEvaluation(run.task, context, on_rollouts)
         shown = run.initial(context) if run.shown_initial else None
         return PreparedRun(run.environments(context), evaluation, run.task_record, shown)

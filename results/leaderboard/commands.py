@@ -1,0 +1,165 @@
+"""``nmp-bench leaderboard``: show the committed rows, make them, check and verify them."""
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # the command line answers at once: what is slow to import waits
+    from results.leaderboard.check import Judgement
+    from results.leaderboard.rows import Claim
+
+HOLDS, FAILS = 0, 1
+RUNS = Path("results/runs/leaderboard")
+WHAT = {
+    "show": "print the rows",
+    "update": "do the runs that are missing, and write rows from them",
+    "check": "do some runs again; fail where the program has become worse than a row",
+    "verify": "simulate every stored trajectory; fail where it does not earn what is claimed",
+}
+
+
+def add_leaderboard(parser: argparse.ArgumentParser) -> None:
+    """Add the subcommands' arguments.
+
+    :param parser: of ``nmp-bench leaderboard``
+    """
+    parser.description = "; ".join(f"{name}: {text}" for name, text in WHAT.items()) + "."
+    parser.set_defaults(command=leaderboard)
+    parser.add_argument("what", choices=WHAT, help="what to do")
+    parser.add_argument("--board", nargs="+", metavar="NAME", help="only these (default: all)")
+    parser.add_argument(
+        "--algorithms", nargs="+", metavar="LABEL", help="only these rows (default: all)"
+    )
+    parser.add_argument(
+        "--workers", type=int, metavar="N", help="parallel processes (default: one per core)"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=RUNS, metavar="DIR", help="of the runs (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--data", type=Path, metavar="DIR", help="of the rows (default: those of this repository)"
+    )
+
+
+def leaderboard(options: argparse.Namespace) -> int:
+    """Do ``nmp-bench leaderboard``.
+
+    :param options: the parsed arguments
+    """
+    from results.leaderboard.boards import BOARDS, DATA, find_board
+
+    boards = {name: find_board(name) for name in options.board or BOARDS}
+    data = options.data or DATA
+    doing = {"show": _show, "update": _update, "check": _check, "verify": _verify}
+    return doing[options.what](boards, data, options)
+
+
+def _rows(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> list[Path]:
+    """Return the files of the rows that are meant."""
+    from results.exceptions import BenchmarkError
+    from results.leaderboard.files import row_path, row_paths
+
+    paths = [path for name in boards for path in row_paths(data, name)]
+    if options.algorithms is not None:
+        named = [
+            row_path(data, name, run.label)
+            for name, board in boards.items()
+            for run in board.runs(name, options.algorithms, 1)
+        ]
+        paths = [path for path in paths if path in named]
+    if not paths:
+        raise BenchmarkError(
+            f"'{data}' holds no such row; make some with 'nmp-bench leaderboard update'."
+        )
+    return paths
+
+
+def _show(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from results.leaderboard.files import read_row
+    from results.leaderboard.tables import page
+
+    console = Console(highlight=False)
+    shown = page([read_row(path)[0] for path in _rows(boards, data, options)])
+    console.print(shown.terminal(console.width))
+    return HOLDS
+
+
+def _update(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> int:
+    from results.harness.progress import run_with_progress
+    from results.harness.record_files import read_records
+    from results.harness.resume import plan_runs
+    from results.leaderboard.files import read_row, row_paths, write_row
+    from results.leaderboard.rows import make_row
+    from results.leaderboard.tables import page
+
+    status = HOLDS
+    for name, board in boards.items():
+        folder = options.out / name
+        runs = board.runs(name, options.algorithms)
+        status = run_with_progress(plan_runs(folder, runs), options.workers) or status
+        records = {record.specification.stem: record for record in read_records(folder).records}
+        for label in dict.fromkeys(run.label for run in runs):
+            asked = [run.stem for run in runs if run.label == label]
+            found = [records[stem] for stem in asked if stem in records]
+            if len(found) < len(asked) or not all(record.finished for record in found):
+                print(f"{name}, {label}: not all runs have finished; no row", file=sys.stderr)
+                status = FAILS
+                continue
+            print(f"Written: {write_row(data, *make_row(name, found))}")
+    rows = [read_row(path)[0] for path in row_paths(data)]
+    (data / "README.md").write_text(page(rows).markdown(), encoding="utf-8")
+    return status
+
+
+def _verify(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> int:
+    from results.leaderboard.verify import verify_row
+
+    status = HOLDS
+    for path in _rows(boards, data, options):
+        verdict = verify_row(path)
+        print(f"{verdict.name}: {'holds' if not verdict.problems else 'FAILS'} ({verdict.how})")
+        for problem in verdict.problems:
+            status = FAILS
+            print(f"{verdict.name}: {problem}", file=sys.stderr)
+    return status
+
+
+def _check(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> int:
+    judged = judgements(boards, _rows(boards, data, options), options.workers)
+    for judgement in judged:
+        print(judgement.sentence())
+    return FAILS if any(judgement.worse() for judgement in judged) else HOLDS
+
+
+def judgements(
+    boards: dict[str, Any], paths: list[Path], n_workers: int | None
+) -> "list[Judgement]":
+    """Do some runs of rows again, and return what came of each row.
+
+    :param boards: by name
+    :param paths: of the rows' claims
+    :param n_workers: processes; one per core by default
+    """
+    from results.leaderboard.check import judge
+    from results.leaderboard.files import read_row
+
+    judged = []
+    for path in paths:
+        row, evidence, _ = read_row(path)
+        again = _claims_again(boards[row.board], row.board, row.label, n_workers)
+        judged.append(judge(row, evidence, again, len(paths)))
+    return judged
+
+
+def _claims_again(board: Any, name: str, label: str, n_workers: int | None) -> "list[Claim]":  # noqa: ANN401
+    from results.harness.resume import plan_runs
+    from results.harness.runner import run_plan
+    from results.leaderboard.rows import claim_of
+
+    with tempfile.TemporaryDirectory(prefix="nmp-bench-") as folder:
+        plan = plan_runs(Path(folder), board.runs(name, [label], board.n_checked))
+        return [claim_of(outcome.record) for outcome in run_plan(plan, n_workers)]

@@ -1,0 +1,114 @@
+"""The files of rows: claims as JSON, trajectories as compressed .npz beside it, and a digest."""
+
+import hashlib
+import io
+import json
+import os
+from pathlib import Path
+from zipfile import BadZipFile
+
+import msgspec
+import numpy as np
+
+from results.exceptions import RecordError
+from results.harness.records import slug
+from results.leaderboard.rows import Evidence, Row
+
+FORMAT = 1
+ARRAYS = ("contexts", "final", "solving")
+
+
+class _File(msgspec.Struct):
+    format: int
+    digest: str
+    row: Row
+
+
+def row_path(data: Path, board: str, label: str) -> Path:
+    """Return where a row's claims lie; its trajectories lie beside, ending in .npz.
+
+    :param data: of all boards
+    :param board: its name
+    :param label: the algorithm's
+    """
+    return data / board / f"{slug(label)}.json"
+
+
+def write_row(data: Path, row: Row, evidence: Evidence) -> Path:
+    """Write a row, its trajectories first, each file whole or not at all.
+
+    :param data: of all boards
+    :param row: what is claimed
+    :param evidence: what earned it
+    :return: of the claims' file
+    """
+    path = row_path(data, row.board, row.label)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **{name: getattr(evidence, name) for name in ARRAYS})  # type: ignore[arg-type]
+    content = {"format": FORMAT, "digest": digest(row, evidence), "row": msgspec.to_builtins(row)}
+    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    _replace(path.with_suffix(".npz"), buffer.getvalue())
+    _replace(path, text.encode())
+    return path
+
+
+def _replace(path: Path, content: bytes) -> None:
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        temporary.write_bytes(content)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def read_row(path: Path) -> tuple[Row, Evidence, str]:
+    """Return a row, its trajectories, and the digest that it bears.
+
+    :param path: of its claims
+    :raises RecordError: a file is missing, damaged, of another version, or holds other arrays
+    """
+    try:
+        text = path.read_bytes()
+        content = msgspec.json.decode(text, type=_File)
+        with np.load(path.with_suffix(".npz"), allow_pickle=False) as arrays:
+            found = {name: arrays[name] for name in arrays.files}
+    except (OSError, ValueError, BadZipFile) as error:  # msgspec's errors are ValueErrors
+        raise RecordError(
+            f"'{path}' is no readable row of the leaderboard, with its .npz beside it ({error}): "
+            "restore both from the repository, or make the row anew with 'nmp-bench leaderboard "
+            "update'."
+        ) from error
+    if content.format != FORMAT:
+        raise RecordError(
+            f"'{path}' is of format {content.format}, and this version reads format {FORMAT}: use "
+            "the version of sb3-nmp that wrote it."
+        )
+    if sorted(found) != sorted(ARRAYS) or any(a.dtype != np.float32 for a in found.values()):
+        raise RecordError(
+            f"'{path.with_suffix('.npz')}' holds {sorted(found)}; a row has {', '.join(ARRAYS)}, "
+            "all in single precision."
+        )
+    return content.row, Evidence(**found), content.digest
+
+
+def row_paths(data: Path, board: str | None = None) -> list[Path]:
+    """Return the files of all rows' claims.
+
+    :param data: of all boards
+    :param board: of this one alone
+    """
+    return sorted(data.glob(f"{board or '*'}/*.json"))
+
+
+def digest(row: Row, evidence: Evidence) -> str:
+    """Return what changes with any claim or trajectory: a guard against edits, not against liars.
+
+    :param row: what is claimed
+    :param evidence: what earned it
+    """
+    found = hashlib.sha256(json.dumps(msgspec.to_builtins(row), sort_keys=True).encode())
+    for name in ARRAYS:
+        array = np.ascontiguousarray(getattr(evidence, name))
+        found.update(f"{name}{array.dtype}{array.shape}".encode() + array.tobytes())
+    return found.hexdigest()

@@ -1,0 +1,215 @@
+"""`Row`: what the leaderboard says of an algorithm, run by run, and what shows it."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from results.exceptions import BenchmarkError
+from results.harness.records import ProtocolRecord, Provenance, RunRecord
+from results.report.frames import rollouts_to_success
+from results.report.statistics import (
+    expected_rollouts,
+    interquartile_mean,
+    interquartile_mean_interval,
+)
+
+#: single precision, as trajectories and contexts are simulated
+Float32Array = NDArray[np.float32]
+Interval = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What is said of one run.
+
+    :param seed: of the run
+    :param variant: name of the task's settings
+    :param target: the number of its context, where the protocol numbers them
+    :param rollouts: from which on the greedy trajectory succeeds, None where it does not in the end
+    :param reward: of the last greedy trajectory
+    :param success: whether that one succeeds
+    :param solving_reward: of the greedy trajectory from which on all succeed; None where none is
+    :param mean_reward: of the greedy trajectory, over all rollouts of the budget
+    """
+
+    seed: int
+    variant: str
+    target: int | None
+    rollouts: float | None
+    reward: float
+    success: bool
+    solving_reward: float | None
+    mean_reward: float
+
+    @property
+    def key(self) -> tuple[int, str, int | None]:
+        """What tells it from the other runs of its row."""
+        return self.seed, self.variant, self.target
+
+
+@dataclass(frozen=True)
+class Row:
+    """One algorithm on one board; its scores follow from its claims and are not stored.
+
+    :param board: its name
+    :param label: the algorithm's
+    :param description: of the algorithm, one line
+    :param algorithm: its stable name
+    :param settings: of the algorithm, as JSON values
+    :param task: its id
+    :param protocol: where and how the runs took place
+    :param budget: rollouts of a run
+    :param sees: what the algorithm learns from
+    :param provenance: commit, versions and machine, the same for all its runs
+    :param claims: one for each run
+    """
+
+    board: str
+    label: str
+    description: str
+    algorithm: str
+    settings: dict[str, Any]
+    task: str
+    protocol: ProtocolRecord
+    budget: int
+    sees: tuple[str, ...] | None
+    provenance: Provenance
+    claims: tuple[Claim, ...]
+
+    @property
+    def rollouts(self) -> Interval:
+        """Expected rollouts to success, and their 95 % interval over seeds."""
+        counts = [math.inf if c.rollouts is None else c.rollouts for c in self.claims]
+        return expected_rollouts(counts, self.budget, [c.seed for c in self.claims])
+
+    @property
+    def reward(self) -> Interval:
+        """Interquartile mean of the seeds' mean final rewards, and its 95 % interval."""
+        of_seed: dict[int, list[float]] = {}
+        for claim in self.claims:
+            of_seed.setdefault(claim.seed, []).append(claim.reward)
+        means = [float(np.mean(rewards)) for rewards in of_seed.values()]
+        return interquartile_mean(means), *interquartile_mean_interval(means)
+
+    @property
+    def solved(self) -> int:
+        """How many runs succeed in the end."""
+        return sum(claim.success for claim in self.claims)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The trajectories that earned a row, in single precision, in the order of its claims.
+
+    :param contexts: of the runs, shape (R, C)
+    :param final: the last greedy trajectories, shape (R, T, D)
+    :param solving: those from which on all succeed, of the runs that have one, shape (S, T, D)
+    """
+
+    contexts: Float32Array
+    final: Float32Array
+    solving: Float32Array
+
+
+def claim_of(record: RunRecord) -> Claim:
+    """Return what is said of a finished run in one context.
+
+    :param record: of the run
+    :raises BenchmarkError: a failed run, one over many contexts, or one from before records kept
+        what can be repeated
+    """
+    asked = record.specification
+    if not record.finished:
+        raise BenchmarkError(
+            f"{asked.name} has failed ({record.reason}): a row needs all its runs."
+        )
+    measured = record.measured
+    greedy, curve = measured.rollouts.get("greedy"), record.curve
+    if measured.context is None or greedy is None or greedy.reward is None:
+        raise BenchmarkError(
+            f"{asked.name} tells no trajectory in one context, or is from before records kept them "
+            "exactly; do it again (--overwrite)."
+        )
+    count = rollouts_to_success(curve["rollouts"], curve["greedy_success"])
+    solving = measured.rollouts.get("solving")
+    return Claim(
+        asked.seed,
+        asked.variant,
+        asked.protocol.number,
+        None if math.isinf(count) else count,
+        greedy.reward,
+        bool(greedy.success),
+        None if solving is None else solving.reward,
+        mean_reward(curve["rollouts"], curve["greedy_reward"], asked.budget),
+    )
+
+
+def mean_reward(rollouts: Sequence[int], rewards: Sequence[float], budget: int) -> float:
+    """Return the mean over a budget of a reward that holds until the next entry.
+
+    >>> mean_reward([10, 20], [-4.0, -2.0], 30)
+    -3.0
+
+    :param rollouts: ascending counts; the first reward counts from there on
+    :param rewards: one for each
+    :param budget: of the run, beyond the first count
+    """
+    ends = [*rollouts[1:], max(budget, rollouts[-1])]
+    weights = np.diff([rollouts[0], *ends])
+    if weights.sum() == 0:
+        return float(rewards[-1])
+    return float(np.average(np.asarray(rewards, float), weights=weights))
+
+
+def make_row(board: str, records: Iterable[RunRecord]) -> tuple[Row, Evidence]:
+    """Return the row of one algorithm, and the trajectories that earned it.
+
+    :param board: its name
+    :param records: of all its runs
+    :raises BenchmarkError: a run that can be no part of it, or runs of different commits, versions
+        or machines
+    """
+    runs = sorted(records, key=_order)
+    claims = tuple(claim_of(record) for record in runs)
+    first = runs[0]
+    asked = first.specification
+    for record in runs:
+        _check_same_origin(first, record)
+    row = Row(
+        board, asked.label, asked.description, asked.algorithm, asked.settings, asked.task,
+        ProtocolRecord(asked.protocol.name, asked.protocol.settings), asked.budget, first.sees,
+        first.provenance, claims,
+    )  # fmt: skip
+    return row, _evidence(runs)
+
+
+def _order(record: RunRecord) -> tuple[str, int, int]:
+    asked = record.specification
+    return asked.variant, asked.protocol.number or 0, asked.seed
+
+
+def _check_same_origin(first: RunRecord, other: RunRecord) -> None:
+    one, two = first.provenance, other.provenance
+    for name in ("commit", "dirty", "packages", "machine"):
+        if getattr(one, name) != getattr(two, name):
+            raise BenchmarkError(
+                f"{first.specification.name} and {other.specification.name} differ in {name} "
+                f"({getattr(one, name)} and {getattr(two, name)}); a row has one origin. Do all "
+                "its runs again (--overwrite)."
+            )
+
+
+def _evidence(runs: Sequence[RunRecord]) -> Evidence:
+    kept = [record.measured.rollouts for record in runs]
+    final = np.array([each["greedy"].trajectory for each in kept], np.float32)
+    solving = [each["solving"].trajectory for each in kept if "solving" in each]
+    contexts = [record.measured.context.values for record in runs if record.measured.context]
+    return Evidence(
+        np.array(contexts, np.float32),
+        final,
+        np.array(solving, np.float32).reshape(-1, *final.shape[1:]),
+    )

@@ -1,0 +1,84 @@
+"""The leaderboard as a page of tables."""
+
+from collections.abc import Sequence
+
+from results.harness.records import Provenance
+from results.leaderboard.boards import BOARDS
+from results.leaderboard.rows import Interval, Row
+from results.report.footnotes import EXPECTED_NOTE
+from results.report.own_answer import SIGNS
+from results.report.text_table import NOT_APPLICABLE, Cell, Page, Section, TextTable
+
+HEADER = (
+    "algorithm",
+    "runs",
+    "solved",
+    "expected\nrollouts",
+    "final reward\nIQM",
+    "sees",
+    "commit",
+)
+NOTES = (
+    "A row: the runs of one algorithm, with equal budgets and seeds; no seed was tuned on. "
+    "solved: runs whose greedy trajectory succeeds at the end of the budget.",
+    EXPECTED_NOTE,
+    "final reward: of the greedy trajectory, interquartile mean over seeds with its 95 % interval. "
+    "sees: R reward, S success, T the reward's terms, P step rewards, A achieved contexts, D "
+    "demonstrations.",
+    "'nmp-bench leaderboard verify' simulates the trajectories that earned the rows, 'check' does "
+    "runs again.",
+)
+
+
+def page(rows: Sequence[Row]) -> Page:
+    """Return a table for each board, the fewest expected rollouts first.
+
+    :param rows: of all boards
+    """
+    boards = sorted({row.board for row in rows}, key=[*BOARDS].index)
+    tables = [_table(board, [row for row in rows if row.board == board]) for board in boards]
+    return Page(tables, [Section("Notes", [*NOTES, *origins(rows)], "dim")])
+
+
+def _table(board: str, rows: Sequence[Row]) -> TextTable:
+    ordered = sorted(rows, key=lambda row: row.rollouts[0])
+    title = f"{board}: {BOARDS[board].title}, {rows[0].task}, budget {rows[0].budget} rollouts"
+    return TextTable(title, HEADER, tuple(_cells(row) for row in ordered))
+
+
+def _cells(row: Row) -> tuple[Cell, ...]:
+    n, commit = len(row.claims), row.provenance.commit or "unknown"
+    sees = " ".join(sign for name, sign in SIGNS.items() if name in (row.sees or ()))
+    return (
+        (row.label, ""),
+        (str(n), ""),
+        (f"{row.solved}/{n}", ""),
+        _with_interval(row.rollouts, ".1f"),
+        _with_interval(row.reward, ".4f"),
+        (sees or NOT_APPLICABLE, ""),
+        (commit[:10] + ("*" if row.provenance.dirty else ""), ""),
+    )
+
+
+def _with_interval(values: Interval, form: str) -> Cell:
+    mean, low, high = (f"{value:{form}}".replace("inf", "∞") for value in values)
+    return mean, f"[{low},{high}]"
+
+
+def origins(rows: Sequence[Row]) -> list[str]:
+    """Tell the algorithms, versions and machines behind some rows.
+
+    :param rows: of all boards
+    """
+    told = {row.label: row.description for row in rows if row.description}
+    described = "; ".join(f"{label}: {text}" for label, text in told.items())
+    made = dict.fromkeys(_origin(row.provenance) for row in rows)
+    return [f"{described}.", *(f"Made with {origin}." for origin in made)]
+
+
+def _origin(provenance: Provenance) -> str:
+    names = ("mujoco", "numpy", "torch", "stable-baselines3")
+    versions = ", ".join(f"{name} {provenance.packages[name]}" for name in names)
+    machine = provenance.machine
+    cpu = f", {machine.cpu} ({machine.architecture}, {machine.features[-1]})" if machine else ""
+    return f"{versions}, Python {provenance.python}{cpu}"

@@ -1,0 +1,174 @@
+"""`verify`: simulate every stored trajectory again, and hold it to what its row claims.
+
+What this shows: these trajectories, in the contexts that the board's seeds give, earn these
+rewards; and every run that the board asks for is there once. What it cannot show is after how many
+rollouts a trajectory was found: for that runs must be done again, which `check` does.
+"""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from benchmark_envs import Task, TaskError, make_task
+from results.exceptions import RecordError
+from results.harness.environments import RunTask
+from results.harness.machine import machine
+from results.harness.provenance import provenance
+from results.harness.specification import RunSpecification, plain
+from results.leaderboard.boards import BOARDS, Board
+from results.leaderboard.files import digest, read_row
+from results.leaderboard.rows import Claim, Evidence, Row
+
+#: of a reward, relative to it or to 1, where CPU or libraries differ from those of the row
+TOLERANCE = 1e-6
+DECIDES_REWARDS = ("mujoco", "numpy")  # and nothing else that is installed
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What came of one row.
+
+    :param name: of its file
+    :param how: rewards were compared
+    :param problems: sentences; empty where the row holds
+    """
+
+    name: str
+    how: str = ""
+    problems: list[str] = field(default_factory=list)
+
+
+def verify_row(path: Path, boards: dict[str, Board] = BOARDS) -> Verdict:
+    """Simulate a row's trajectories again.
+
+    :param path: of its claims
+    :param boards: that rows may belong to
+    """
+    name = f"{path.parent.name}/{path.stem}"
+    try:
+        row, evidence, told = read_row(path)
+        problems = list(_about_files(path, row, evidence, told, boards))
+        if problems:  # what is not as the board asks cannot be simulated as it asks
+            return Verdict(name, "not simulated", problems)
+        runs = _runs(row, boards[row.board])
+        how, tolerance = comparison(row)
+        problems += _about_contexts(row, evidence, runs)
+        problems += _about_rewards(row, evidence, runs, tolerance)
+    except (RecordError, TaskError) as error:
+        return Verdict(name, "not simulated", [str(error)])
+    return Verdict(name, how, problems)
+
+
+def comparison(row: Row) -> tuple[str, float]:
+    """Return how a row's rewards compare here, in words, and the tolerance.
+
+    :param row: with the machine and versions that it was made with
+    """
+    here, there = provenance(), row.provenance
+    others = [name for name in DECIDES_REWARDS if here.packages[name] != there.packages[name]]
+    if others:
+        versions = ", ".join(f"{name} {there.packages[name]}" for name in others)
+        return f"within {TOLERANCE:g}; the row was made with {versions}", TOLERANCE
+    if there.machine != machine():
+        return f"within {TOLERANCE:g}; the row was made on another kind of CPU", TOLERANCE
+    return "bitwise", 0.0
+
+
+def _runs(row: Row, board: Board) -> dict[tuple[int, str, int | None], RunSpecification]:
+    chosen = board.runs(row.board, [row.label])
+    return {(run.seed, run.variant, run.protocol.number): run for run in chosen}
+
+
+def _about_files(
+    path: Path, row: Row, evidence: Evidence, told: str, boards: dict[str, Board]
+) -> Iterator[str]:
+    """Yield what is wrong before anything is simulated."""
+    if told != digest(row, evidence):
+        yield "its digest does not fit: a claim or a trajectory was changed after it was written"
+    if row.board != path.parent.name or row.board not in boards:
+        yield f"it is in the folder '{path.parent.name}' and says board '{row.board}'"
+        return
+    if row.label not in boards[row.board].labels:
+        yield f"the board has no row '{row.label}'"
+        return
+    runs = _runs(row, boards[row.board])
+    wanted = next(iter(runs.values())).record
+    for name in ("algorithm", "settings", "task", "budget"):
+        said, asked = getattr(row, name), getattr(wanted, name)
+        if said != asked:
+            yield f"its {name} is {said}, but the board asks for {asked}"
+    keys = [claim.key for claim in row.claims]
+    if len(set(keys)) < len(keys):
+        yield "a run is counted twice"
+    if set(keys) != set(runs):
+        odd = set(keys) ^ set(runs)
+        yield f"its runs are not those of the board; they differ in (seed, variant, target) {odd}"
+    n_solving = sum(claim.solving_reward is not None for claim in row.claims)
+    if not len(keys) == len(evidence.contexts) == len(evidence.final):
+        yield f"{len(keys)} claims stand beside {len(evidence.final)} trajectories"
+    if n_solving != len(evidence.solving):
+        yield f"{n_solving} solved claims stand beside {len(evidence.solving)} trajectories"
+    yield from (text for claim in row.claims for text in _about_claim(claim, row.budget))
+
+
+def _about_claim(claim: Claim, budget: int) -> Iterator[str]:
+    """Yield what in a claim contradicts itself."""
+    where = f"run {claim.key}"
+    if (claim.rollouts is not None) != claim.success:
+        yield f"{where} says success {claim.success}, but rollouts to success {claim.rollouts}"
+    if (claim.solving_reward is not None) != claim.success:
+        yield f"{where} says success {claim.success}, but has no trajectory that tells since when"
+    if claim.rollouts is not None and not 0 <= claim.rollouts <= budget:
+        yield f"{where} took {claim.rollouts} rollouts of {budget}"
+
+
+def _about_contexts(
+    row: Row, evidence: Evidence, runs: dict[tuple[int, str, int | None], RunSpecification]
+) -> Iterator[str]:
+    """Yield runs whose context is not the one that their seed gives."""
+    for claim, stored in zip(row.claims, evidence.contexts, strict=True):
+        wanted = context_of(runs[claim.key])
+        if not np.array_equal(stored, wanted):
+            yield f"run {claim.key} is in the context {stored.tolist()}, not {wanted.tolist()}"
+
+
+def context_of(run: RunSpecification) -> np.ndarray:
+    """Return the one context of a run, shape (C,), in single precision.
+
+    :param run: of a protocol in one context
+    """
+    task = RunTask(run.task, run.seed, run.budget, settings=run.task_settings)
+    return np.asarray(run.protocol.context(task), np.float32)
+
+
+@lru_cache(maxsize=16)
+def _simulator(task_id: str, settings: str) -> Task:
+    return make_task(task_id, n_threads=1, **json.loads(settings))
+
+
+def _about_rewards(
+    row: Row,
+    evidence: Evidence,
+    runs: dict[tuple[int, str, int | None], RunSpecification],
+    tolerance: float,
+) -> Iterator[str]:
+    """Yield trajectories that do not earn what is claimed."""
+    solved = [i for i, claim in enumerate(row.claims) if claim.solving_reward is not None]
+    batches = (("final", range(len(row.claims))), ("solving", solved))
+    for name, indices in batches:
+        trajectories = getattr(evidence, name)
+        for place, i in enumerate(indices):
+            claim = row.claims[i]
+            run = runs[claim.key]
+            task = _simulator(run.task, json.dumps(plain(run.task_settings), sort_keys=True))
+            again = task.simulate(evidence.contexts[i], trajectories[place])
+            said = claim.reward if name == "final" else claim.solving_reward
+            reward, success = float(again.rewards[0]), bool(again.successes[0])
+            if said is None or abs(reward - said) > tolerance * max(1.0, abs(said)):
+                yield f"run {claim.key}: the {name} trajectory earns {reward!r}, not {said!r}"
+            if success != (claim.success or name == "solving"):
+                yield f"run {claim.key}: the {name} trajectory {'succeeds' if success else 'fails'}"

@@ -1,0 +1,359 @@
+"""The leaderboard: rows are made once, forged ones are caught, worse programs raise the alarm."""
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from results.cli import main
+from results.exceptions import BenchmarkError, RecordError
+from results.harness.specification import Algorithm
+from results.harness.suite import Recipe
+from results.leaderboard import verify
+from results.leaderboard.boards import BOARDS, DATA, Board
+from results.leaderboard.check import FALSE_ALARMS, MEASURES, judge
+from results.leaderboard.files import digest, read_row, row_paths, write_row
+from results.leaderboard.rows import Claim, Evidence, Row, mean_reward
+from results.leaderboard.verify import TOLERANCE, verify_row
+from results.one_context.protocol import OneContext
+from results.report.statistics import permutation_p
+from tests import results_fakes
+
+N_SEEDS = 10
+HILLS = Board(
+    "hills",
+    Recipe(
+        {"Hill": Algorithm("hill", "tests.results_fakes:HillClimber", {"sigma": 0.12})},
+        {"nmp/ViaPoints-v0": {}},
+        60,
+        N_SEEDS,
+        (OneContext(),),
+        variants={"2 points": {"n_points": 2}},
+    ),
+    tuple(range(500, 500 + N_SEEDS)),
+    n_checked=N_SEEDS,
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def hills() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(BOARDS, "hills", HILLS)
+        yield
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Rows of the board, and its runs."""
+    folder = tmp_path_factory.mktemp("leaderboard")
+    assert update(folder) == 0
+    return folder
+
+
+def update(folder: Path) -> int:
+    return command("update", folder / "data", "--out", str(folder / "runs"))
+
+
+def command(what: str, data: Path, *more: str) -> int:
+    asked = ["leaderboard", what, "--board", "hills", "--data", str(data), "--workers", "1"]
+    return main([*asked, *more])
+
+
+def the_row(data: Path) -> tuple[Row, Evidence]:
+    (path,) = row_paths(data)
+    return read_row(path)[:2]
+
+
+def test_the_same_command_again_skips_everything(
+    made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = {path: path.read_bytes() for path in sorted((made / "data").rglob("*.*"))}
+    assert update(made) == 0
+    assert f"{N_SEEDS} of {N_SEEDS} runs are finished" in capsys.readouterr().out
+    assert {path: path.read_bytes() for path in sorted((made / "data").rglob("*.*"))} == before
+    row, evidence = the_row(made / "data")
+    assert 0 < row.solved < N_SEEDS  # else the forgeries below have nothing to forge
+    assert len(evidence.solving) == row.solved
+    assert f"| Hill | {N_SEEDS} | {row.solved}/{N_SEEDS} |" in (made / "data/README.md").read_text()
+
+
+def test_an_honest_row_holds(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command("verify", made / "data") == 0
+    assert "hills/hill: holds (bitwise)" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "path", row_paths(DATA), ids=lambda path: f"{path.parent.name}/{path.stem}"
+)
+def test_every_committed_row_holds(path: Path) -> None:
+    assert verify_row(path).problems == []
+
+
+def changed_claim(row: Row, index: int, **entries: object) -> Row:
+    claims = list(row.claims)
+    claims[index] = replace(claims[index], **entries)  # type: ignore[arg-type]
+    return replace(row, claims=tuple(claims))
+
+
+def of(row: Row, success: bool) -> int:
+    return next(i for i, claim in enumerate(row.claims) if claim.success == success)
+
+
+def a_reward_one_bit_better(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return changed_claim(row, 0, reward=float(np.nextafter(row.claims[0].reward, 1.0))), evidence
+
+
+def a_success_that_was_none(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    i = of(row, False)
+    claim = {"success": True, "rollouts": 10.0, "solving_reward": row.claims[i].reward}
+    place = sum(each.success for each in row.claims[:i])
+    solving = np.insert(evidence.solving, place, evidence.final[i], axis=0)
+    return changed_claim(row, i, **claim), replace(evidence, solving=solving)
+
+
+def the_trajectory_of_another_run(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return row, replace(evidence, final=evidence.final[[1, 0, *range(2, N_SEEDS)]])
+
+
+def a_trajectory_beside_the_true_one(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    final = evidence.final.copy()
+    final[0] = np.nextafter(final[0], np.float32(9.0))
+    return row, replace(evidence, final=final)
+
+
+def an_easier_context(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    contexts = evidence.contexts.copy()
+    contexts[0] = contexts[1]
+    return row, replace(evidence, contexts=contexts)
+
+
+def a_run_left_out(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    worst = of(row, False)
+    kept = [i for i in range(N_SEEDS) if i != worst]
+    claims = tuple(row.claims[i] for i in kept)
+    rest = replace(evidence, contexts=evidence.contexts[kept], final=evidence.final[kept])
+    return replace(row, claims=claims), rest
+
+
+def the_best_run_twice(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return replace(row, claims=(*row.claims[:-1], row.claims[of(row, True)])), evidence
+
+
+def another_budget(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return replace(row, budget=30), evidence
+
+
+def other_settings(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return replace(row, settings={"sigma": 0.2}), evidence
+
+
+def a_negative_count(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return changed_claim(row, of(row, True), rollouts=-5.0), evidence
+
+
+def a_failure_as_the_solving_one(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    solving = evidence.solving.copy()
+    solving[0] = evidence.final[of(row, False)]
+    return row, replace(evidence, solving=solving)
+
+
+def a_success_left_out(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return changed_claim(row, of(row, True), solving_reward=None), replace(
+        evidence, solving=evidence.solving[1:]
+    )
+
+
+Forgery = Callable[[Row, Evidence], tuple[Row, Evidence]]
+FORGERIES: dict[Forgery, str] = {
+    a_reward_one_bit_better: "the final trajectory earns",
+    a_success_that_was_none: "trajectory fails",
+    the_trajectory_of_another_run: "the final trajectory earns",
+    a_trajectory_beside_the_true_one: "the final trajectory earns",
+    an_easier_context: "is in the context",
+    a_run_left_out: "are not those of the board",
+    the_best_run_twice: "counted twice",
+    another_budget: "its budget is 30",
+    other_settings: "its settings is",
+    a_negative_count: "took -5.0 rollouts",
+    a_failure_as_the_solving_one: "the solving trajectory fails",
+    a_success_left_out: "has no trajectory that tells since when",
+}
+
+
+@pytest.mark.parametrize("forge", FORGERIES, ids=lambda forge: forge.__name__)
+def test_a_forger_who_mends_the_digest_is_caught(
+    made: Path, tmp_path: Path, forge: Forgery
+) -> None:
+    path = write_row(tmp_path, *forge(*the_row(made / "data")))
+    assert any(FORGERIES[forge] in problem for problem in verify_row(path).problems)
+    assert command("verify", tmp_path) == 1
+
+
+def test_an_edited_count_does_not_fit_the_digest(made: Path, tmp_path: Path) -> None:
+    """Simulation cannot tell after how many rollouts a trajectory was found; the digest can."""
+    row, evidence = the_row(made / "data")
+    path = write_row(tmp_path, row, evidence)
+    edited = changed_claim(row, of(row, True), rollouts=1.0)
+    assert digest(edited, evidence) != digest(row, evidence)
+    content = json.loads(path.read_text()) | {"row": msgspec.to_builtins(edited)}
+    path.write_text(json.dumps(content))
+    assert ["digest" in problem for problem in verify_row(path).problems] == [True]
+
+
+@pytest.mark.parametrize(
+    ("damage", "why"),
+    [
+        (lambda path: path.with_suffix(".npz").unlink(), "restore both"),
+        (lambda path: path.with_suffix(".npz").write_bytes(b"PK damaged"), "restore both"),
+        (lambda path: path.write_text(path.read_text()[:-50]), "restore both"),
+        (
+            lambda path: path.write_text(path.read_text().replace('"format": 1', '"format": 7')),
+            "format 7, and this version reads format 1",
+        ),
+        (
+            lambda path: np.savez(path.with_suffix(".npz"), final=np.array([{}], object)),
+            "restore both",
+        ),
+        (lambda path: np.savez(path.with_suffix(".npz"), final=np.zeros(3)), "single precision"),
+    ],
+)
+def test_a_damaged_row_is_told_in_a_sentence(
+    made: Path, tmp_path: Path, damage: Callable[[Path], object], why: str
+) -> None:
+    path = write_row(tmp_path, *the_row(made / "data"))
+    damage(path)
+    with pytest.raises(RecordError, match=why):
+        read_row(path)
+    assert [why in problem for problem in verify_row(path).problems] == [True]
+
+
+def test_another_cpu_is_allowed_a_tolerance(made: Path, tmp_path: Path) -> None:
+    row, evidence = the_row(made / "data")
+    assert row.provenance.machine is not None
+    elsewhere = replace(row.provenance, machine=replace(row.provenance.machine, features=("VSX",)))
+    honest = replace(row, provenance=elsewhere)
+    for error, holds in ((0.0, True), (0.5 * TOLERANCE, True), (3 * TOLERANCE, False)):
+        off = changed_claim(honest, 0, reward=honest.claims[0].reward + error)
+        verdict = verify_row(write_row(tmp_path, off, evidence))
+        assert "another kind of CPU" in verdict.how
+        assert (verdict.problems == []) == holds
+    packages = elsewhere.packages | {"mujoco": "1.0"}
+    older = replace(honest, provenance=replace(elsewhere, packages=packages))
+    assert "mujoco 1.0" in verify.comparison(older)[0]
+
+
+def test_runs_of_two_programs_make_no_row(made: Path) -> None:
+    from results.harness.record_files import read_records
+    from results.leaderboard.rows import make_row
+
+    records = read_records(made / "runs/hills").records
+    other = replace(records[1], provenance=replace(records[1].provenance, commit="c0ffee"))
+    with pytest.raises(BenchmarkError, match=r"differ in commit.*c0ffee.*--overwrite"):
+        make_row("hills", [records[0], other, *records[2:]])
+
+
+def test_the_mean_reward_holds_each_entry_until_the_next() -> None:
+    assert mean_reward([5, 10, 30], [-9.0, -3.0, -1.0], 40) == (-9 * 5 - 3 * 20 - 1 * 10) / 35
+    assert mean_reward([40], [-2.0], 40) == -2.0
+
+
+# -- check -------------------------------------------------------------------------------------
+
+
+def test_an_unchanged_program_gives_the_same_bits(
+    made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command("check", made / "data") == 0
+    assert f"hills, Hill: {N_SEEDS} runs again, the same to the bit" in capsys.readouterr().out
+
+
+def test_a_worse_program_raises_the_alarm(
+    made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    learn = results_fakes.HillClimber._end_generation
+
+    def worst_kept(self: results_fakes.HillClimber, generation: object) -> None:
+        learn(self, replace(generation, rewards=-generation.rewards))  # type: ignore[attr-defined, type-var]
+
+    monkeypatch.setattr(results_fakes.HillClimber, "_end_generation", worst_kept)
+    assert command("check", made / "data") == 1
+    assert "WORSE" in capsys.readouterr().out
+
+
+def a_row(rng: np.random.Generator, n: int, first_seed: int = 0) -> tuple[Row, Evidence]:
+    """A row of one fixed context, whose three measures hang together as those of runs do."""
+    quality = rng.normal(size=n)
+    claims = tuple(
+        Claim(first_seed + i, "", None, *_outcome(q, rng)) for i, q in enumerate(quality)
+    )
+    row = Row("bottles", "A", "", "a", {}, "t", None, 200, None, None, claims)  # type: ignore[arg-type]
+    nothing = np.zeros((n, 1), np.float32)
+    return row, Evidence(nothing, nothing, nothing)
+
+
+def _outcome(q: float, rng: np.random.Generator) -> tuple:
+    reward, rollouts = q + 0.5 * rng.normal(), float(round(20 * np.exp(-q)))
+    return None if rollouts > 60 else rollouts, reward, rollouts <= 60, None, q + rng.normal()
+
+
+def test_false_alarms_are_bounded_and_simulated() -> None:
+    """The bound is computed for any level; a higher one shows in fewer boards that it holds."""
+    rng, level, n_boards, n_rows = np.random.default_rng(0), 0.1, 60, 3
+    alarms = 0
+    for _ in range(n_boards):
+        for _ in range(n_rows):
+            row, evidence = a_row(rng, 20)
+            again = [replace(c, seed=i) for i, c in enumerate(a_row(rng, 10)[0].claims)]
+            if judge(row, evidence, again, n_rows, n_permutations=399).worse(level):
+                alarms += 1
+                break
+    assert alarms <= n_boards * level + 2 * np.sqrt(n_boards * level * (1 - level))
+    smallest = 1 / 50_001  # a p-value's, before correction for every row and measure there is
+    n_committed = sum(len(board.labels) for name, board in BOARDS.items() if name != "hills")
+    assert smallest * n_committed * len(MEASURES) < FALSE_ALARMS
+
+
+@pytest.mark.slow
+def test_false_alarms_are_below_one_in_a_hundred() -> None:
+    rng, n_boards, n_rows, alarms = np.random.default_rng(1), 1000, 6, 0
+    for _ in range(n_boards):
+        rows = [(a_row(rng, 20), a_row(rng, 10)[0].claims) for _ in range(n_rows)]
+        alarms += any(judge(*row, again, n_rows, 4000).worse() for row, again in rows)
+    assert alarms / n_boards < FALSE_ALARMS
+
+
+def test_contexts_are_judged_apart() -> None:
+    """Every run is a little worse in its own context; contexts differ by far more than that."""
+    rng = np.random.default_rng(2)
+    contexts = np.arange(16, dtype=np.float32)[:, None]
+    hardness = 100 * rng.normal(size=16)
+    claims = tuple(Claim(i, "", None, None, h, False, None, h) for i, h in enumerate(hardness))
+    row = replace(a_row(rng, 1)[0], claims=claims)
+    evidence = Evidence(contexts, contexts, contexts[:0])
+    worse = [replace(c, reward=c.reward - 0.1, mean_reward=c.mean_reward - 0.1) for c in claims]
+    assert judge(row, evidence, worse, 1).worse() == ["final reward", "mean reward"]
+    assert (
+        judge(row, evidence, [replace(c, reward=c.reward + 0.1) for c in claims], 1).worse() == []
+    )
+    pooled = [(np.array([c.reward for c in worse]), hardness)]
+    assert permutation_p(pooled, "less") > 0.2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["check", "--board", "nope"], "no board 'nope'; the leaderboard has bottles"),
+        (["verify", "--board", "hills", "--data", "nowhere"], "'nowhere' holds no such row"),
+        (["verify", "--board", "hills", "--algorithms", "nope"], "it has Hill"),
+    ],
+)
+def test_wrong_usage_is_told(
+    arguments: list[str], message: str, made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    where = [] if "--data" in arguments else ["--data", str(made / "data")]
+    assert main(["leaderboard", *arguments, *where]) == 2
+    assert message in capsys.readouterr().err
