@@ -54,7 +54,7 @@ class ObstaclesTask(Task):
     ([-0.15, -0.0], [False, True])
     """
 
-    context_names: ClassVar[tuple[str, ...]] = ("via-point x [m]", "via-point y [m]")
+    context_names: tuple[str, ...] = ("via-point x [m]", "via-point y [m]")
     trajectory_names: ClassVar[tuple[str, ...]] = ("y [m]",)
     #: the root mean square of the demonstrations' y is 0.2 m
     exploration_scale: ClassVar[tuple[float, ...]] = (0.2,)
