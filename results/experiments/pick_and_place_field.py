@@ -3,8 +3,8 @@
 ``python -m results.experiments.pick_and_place_field answers out.json --seeds 200 201`` trains
 ACNMP's network and the twins' regressions on 10 to 80 demonstrations and executes their answers in
 the first unseen contexts of the suite ``pick-and-place-field``;
-``python -m results.experiments.pick_and_place_field table out.json`` prints Markdown, and
-``python -m results.experiments.pick_and_place_field draw out.json picture.png`` a figure.
+``python -m results.experiments.pick_and_place_field table out.json ...`` prints Markdown, and
+``python -m results.experiments.pick_and_place_field draw picture.png out.json ...`` draws a figure.
 """
 
 import argparse
@@ -92,10 +92,13 @@ def outcomes(task: PickAndPlaceTask, contexts: FloatArray, answered: FloatArray)
     return {"faults": faults.tolist(), "terms": terms, "joints": errors.round(4).tolist()}
 
 
-def record(path: Path, seeds: Iterable[int], numbers: Iterable[int], n_test: int) -> None:
+def record(
+    path: Path, names: Iterable[str], seeds: Iterable[int], numbers: Iterable[int], n_test: int
+) -> None:
     """Train, execute, and write what came of it after each answerer, so that a part can be read.
 
     :param path: of the JSON file
+    :param names: of `ANSWERERS`
     :param seeds: of demonstrations and networks
     :param numbers: of demonstrations
     :param n_test: unseen contexts, the suite's first ones
@@ -107,7 +110,7 @@ def record(path: Path, seeds: Iterable[int], numbers: Iterable[int], n_test: int
             run = RunTask(TASK_ID, seed, RECIPE.budget, settings=TASKS[TASK_ID])
             task, shown = cast(PickAndPlaceTask, run.task), protocol.demonstrations(run)
             contexts = protocol.test_contexts(task)
-            for name in ANSWERERS:
+            for name in names:
                 answered = learn(name, cast(Demonstrations, shown), seed)(contexts)
                 found = outcomes(task, contexts, answered)
                 done.append({"seed": seed, "n": n, "name": name, **found})
@@ -203,22 +206,25 @@ def main() -> None:
     commands = parser.add_subparsers(dest="command", required=True)
     answers = commands.add_parser("answers")
     answers.add_argument("file", type=Path)
+    answers.add_argument("--answerers", nargs="+", choices=ANSWERERS, default=ANSWERERS)
     answers.add_argument("--seeds", type=int, nargs="+", default=[200])
     answers.add_argument("--demonstrations", type=int, nargs="+", default=[10, 20, 40, 80])
     answers.add_argument("--contexts", type=int, default=200)
-    commands.add_parser("table").add_argument("file", type=Path)
+    commands.add_parser("table").add_argument("files", type=Path, nargs="+")
     drawing = commands.add_parser("draw")
-    drawing.add_argument("file", type=Path)
     drawing.add_argument("picture", type=Path)
+    drawing.add_argument("files", type=Path, nargs="+")
     options = parser.parse_args()
     if options.command == "answers":
-        record(options.file, options.seeds, options.demonstrations, options.contexts)
+        numbers, n_test = options.demonstrations, options.contexts
+        record(options.file, options.answerers, options.seeds, numbers, n_test)
         return
-    found = json.loads(options.file.read_text(encoding="utf-8"))
+    found = [json.loads(path.read_text(encoding="utf-8")) for path in options.files]
+    runs = [run for each in found for run in each["runs"]]
     if options.command == "table":
-        print(table(found["runs"]))
+        print(table(runs))
     else:
-        draw(np.array(found["contexts"]), found["runs"]).savefig(options.picture, dpi=DPI)
+        draw(np.array(found[0]["contexts"]), runs).savefig(options.picture, dpi=DPI)
 
 
 if __name__ == "__main__":
