@@ -19,6 +19,7 @@ from sb3_nmp.common.exceptions import (
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.normalization import load_vec_normalize, save_vec_normalize
 from sb3_nmp.common.pd_controller import PDController
+from sb3_nmp.common.resampling import resample
 from sb3_nmp.models.architecture import CNMPArchitecture
 from sb3_nmp.models.cnmp_training import CNMPPretraining
 from sb3_nmp.rcnmp import (
@@ -63,5 +64,6 @@ __all__ = [
     "UnsafeFileError",
     "ViaPointWarning",
     "load_vec_normalize",
+    "resample",
     "save_vec_normalize",
 ]

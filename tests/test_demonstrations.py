@@ -191,7 +191,7 @@ def test_without_an_expert_or_contexts_there_are_no_demonstrations() -> None:
 
 
 def test_without_minari_the_alternative_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sb3_nmp.common.demonstrations.find_spec", lambda _: None)
+    monkeypatch.setattr("sb3_nmp.common.minari_files.find_spec", lambda _: None)
     with pytest.raises(ConfigurationError, match=r"pip install minari\[hdf5\].*save and load"):
         Demonstrations.from_minari("bottles/expert-v0")
     with pytest.raises(ConfigurationError, match=r"pip install minari\[hdf5\]"):

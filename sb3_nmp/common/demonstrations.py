@@ -3,15 +3,20 @@
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
+from os import PathLike
+from pathlib import Path
 from typing import Any, Protocol, cast, runtime_checkable
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sb3_nmp.common.csv_files import read_csv
 from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
 from sb3_nmp.common.files import AnyPath, read_arrays, writing
+from sb3_nmp.common.lerobot_files import read_lerobot
+from sb3_nmp.common.minari_files import read_minari, write_minari
+from sb3_nmp.common.resampling import resample
 from sb3_nmp.common.settings import settings_name
 
 FloatArray = NDArray[np.float64]
@@ -121,6 +126,14 @@ class Demonstrations:
             np.concatenate([self.trajectories, more.trajectories]),
         )
 
+    def resample(self, n_steps: int) -> "Demonstrations":
+        """Return this set with trajectories of another length, by linear interpolation.
+
+        :param n_steps: T of the result
+        :raises InvalidDataError: it is less than 2
+        """
+        return Demonstrations(self.contexts, resample(list(self.trajectories), n_steps))
+
     def check_fits(self, context_dim: int, trajectory_shape: tuple[int, int]) -> None:
         """Raise unless the demonstrations fit an environment.
 
@@ -208,11 +221,54 @@ class Demonstrations:
         except FileFormatError as error:
             raise FileFormatError(
                 f"{path} does not hold demonstrations (.npz with the arrays "
-                f"{' and '.join(FILE_KEYS)}, no pickled objects): {error}"
+                f"{' and '.join(FILE_KEYS)}; others are read by from_csv, from_minari and "
+                f"from_lerobot): {error}"
             ) from error
         return cls(*arrays)
 
-    # -- Minari --------------------------------------------------------------------------------
+    @classmethod
+    def from_csv(
+        cls,
+        path: str | PathLike[str],
+        n_steps: int | None = None,
+        contexts: ArrayLike | None = None,
+    ) -> "Demonstrations":
+        """Read comma-separated values, a row for each time point (`sb3_nmp.common.csv_files`).
+
+        Columns: ``demonstration`` (which one), ``time``, some that begin with ``context``, and one
+        for each dimension of the trajectory.
+
+        :param path: of the file
+        :param n_steps: T, to which all are resampled by their times; None takes them as they are
+        :param contexts: shape (N, C), where the file has no columns for them
+        :raises FileFormatError: what the file holds does not fit; the message names row and column
+        :raises InvalidDataError: different lengths and no ``n_steps``, or no contexts
+        """
+        return cls(*read_csv(path, n_steps, contexts))
+
+    @classmethod
+    def from_lerobot(
+        cls,
+        folder: str | PathLike[str],
+        n_steps: int | None = None,
+        *,
+        trajectory: str = "action",
+        context: str = "observation.state",
+        episodes: Sequence[int] | None = None,
+    ) -> "Demonstrations":
+        """Read a LeRobot dataset on this machine, an episode each (`sb3_nmp.common.lerobot_files`).
+
+        :param folder: of the dataset, with ``meta`` and ``data`` in it
+        :param n_steps: T, to which all are resampled by their time stamps; None: as they are
+        :param trajectory: the feature whose values over time are the trajectory
+        :param context: the feature whose value in the first frame is the context
+        :param episodes: which ones; None reads all
+        :raises ConfigurationError: pyarrow is not installed
+        :raises FileFormatError: there is no such dataset, or it is damaged
+        :raises InvalidDataError: an unknown feature or episode, or different lengths and no
+            ``n_steps``
+        """
+        return cls(*read_lerobot(Path(folder), trajectory, context, n_steps, episodes))
 
     def to_minari(self, dataset_id: str, env: gym.Env | str, **metadata: Any) -> Any:  # noqa: ANN401
         """Write the set as a local Minari dataset: an episode of one step a demonstration.
@@ -223,52 +279,26 @@ class Demonstrations:
         :return: the ``minari.MinariDataset``
         :raises ConfigurationError: Minari is not installed
         """
-        _check_minari()
-        import minari
-        from minari.data_collector import EpisodeBuffer
-
-        env = gym.make(env) if isinstance(env, str) else env
-        action, observation = env.action_space, env.observation_space
-        self.check_fits(cast(tuple[int], observation.shape)[0], cast(tuple[int, int], action.shape))
-        buffers = [
-            EpisodeBuffer(
-                id=index,
-                observations=list(np.stack([context, context]).astype(observation.dtype)),
-                actions=trajectory[None].astype(action.dtype),
-                rewards=[0.0],
-                terminations=[True],
-                truncations=[False],
-            )
-            for index, (context, trajectory) in enumerate(
-                zip(self.contexts, self.trajectories, strict=True)
-            )
-        ]
-        further: dict[str, Any] = {"eval_env": env} | metadata
-        return minari.create_dataset_from_buffers(dataset_id, buffers, env=env, **further)
+        return write_minari(self, dataset_id, env, metadata)
 
     @classmethod
-    def from_minari(cls, dataset: Any) -> "Demonstrations":  # noqa: ANN401
-        """Read a Minari dataset of trajectory-bandit episodes (one step each).
+    def from_minari(
+        cls,
+        dataset: Any,  # noqa: ANN401
+        n_steps: int | None = None,
+        context: str | None = None,
+    ) -> "Demonstrations":
+        """Read a Minari dataset, an episode each.
 
         :param dataset: a ``minari.MinariDataset`` or the id of a local one
+        :param n_steps: T, to which the actions of episodes with many steps are resampled; None:
+            every episode is one step, whose action is the whole trajectory
+        :param context: the entry of the first observation that is the context, where observations
+            are dictionaries
         :raises ConfigurationError: Minari is not installed
-        :raises InvalidDataError: an episode has more than one step
+        :raises InvalidDataError: an episode has many steps, and ``n_steps`` is None
         """
-        _check_minari()
-        import minari
-
-        dataset = minari.load_dataset(dataset) if isinstance(dataset, str) else dataset
-        episodes = list(dataset.iterate_episodes())
-        for episode in episodes:
-            if len(episode.actions) != 1:
-                raise InvalidDataError(
-                    f"episode {episode.id} has {len(episode.actions)} steps; a demonstration of a "
-                    "trajectory bandit is one step whose action is the whole trajectory."
-                )
-        return cls(
-            np.array([episode.observations[0] for episode in episodes]),
-            np.array([episode.actions[0] for episode in episodes]),
-        )
+        return cls(*read_minari(dataset, n_steps, context))
 
 
 def check_type(demonstrations: Demonstrations | None) -> Demonstrations | None:
@@ -285,14 +315,6 @@ def check_type(demonstrations: Demonstrations | None) -> Demonstrations | None:
     return demonstrations
 
 
-def _check_minari() -> None:
-    if find_spec("minari") is None:
-        raise ConfigurationError(
-            "Minari is not installed; install it with 'pip install minari[hdf5]', or use save and "
-            "load, which write .npz files."
-        )
-
-
 def _array(name: str, values: ArrayLike, shape: str, n_dimensions: int) -> FloatArray:
     """Return a read-only float64 copy.
 
@@ -304,7 +326,7 @@ def _array(name: str, values: ArrayLike, shape: str, n_dimensions: int) -> Float
         if len(shapes) > 1:
             raise InvalidDataError(
                 f"the {name} have mixed shapes ({', '.join(map(str, shapes))}): all must have the "
-                "same number of time points and dimensions. Resample them first."
+                "same number of time points and dimensions; sb3_nmp.resample brings them to one."
             )
     try:
         array = np.array(values, np.float64)

@@ -1,0 +1,177 @@
+"""Demonstrations as comma-separated values, a row for each time point.
+
+    demonstration,time,context_x,context_y,shoulder,elbow
+    1,0.00,0.30,0.10,0.000,0.000
+    1,0.02,0.30,0.10,0.012,0.007
+    ...
+    2,0.00,0.25,0.40,0.000,0.000
+
+``demonstration`` names the demonstration, by a number or a word; where the column is missing, the
+file holds one. ``time`` is in any unit, and may be missing where points have equal distances.
+Columns that begin with ``context`` are the task parameters, constant within a demonstration. All
+others are the trajectory's dimensions, in their order.
+"""
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sb3_nmp.common.exceptions import FileFormatError, InvalidDataError
+from sb3_nmp.common.files import writing
+from sb3_nmp.common.resampling import of_one_length
+
+NUMBER, TIME, CONTEXT = "demonstration", "time", "context"
+FloatArray = NDArray[np.float64]
+
+
+@dataclass
+class _Recorded:
+    """The rows of one demonstration."""
+
+    context: list[float]
+    times: list[float] = field(default_factory=list)
+    points: list[list[float]] = field(default_factory=list)
+
+
+def read_csv(
+    path: str | PathLike[str], n_steps: int | None = None, contexts: ArrayLike | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Return contexts (N, C) and trajectories (N, T, D) of a file, demonstrations in their order.
+
+    :param path: of the file
+    :param n_steps: T, to which all are resampled; None takes them as they are
+    :param contexts: shape (N, C), where the file has no columns for them
+    :raises FileFormatError: a cell that holds no finite number, a context that changes within a
+        demonstration, times that do not increase; the message names row and column
+    :raises InvalidDataError: different lengths, and no ``n_steps``; or no contexts
+    """
+    with Path(path).open(newline="", encoding="utf-8-sig") as file:
+        try:
+            rows = csv.reader(file, strict=True)
+            header = [name.strip() for name in next(rows, [])]
+            columns = _Columns(str(path), header)
+            recorded: dict[str, _Recorded] = {}
+            for row in rows:
+                if any(cell.strip() for cell in row):
+                    columns.take(row, rows.line_num, recorded)
+        except (csv.Error, UnicodeDecodeError) as error:
+            raise FileFormatError(f"{path} is no comma-separated text: {error}") from error
+    if not recorded:
+        raise FileFormatError(f"{path} has no rows of numbers below its header.")
+    shown = list(recorded.values())
+    if contexts is None and not columns.contexts:
+        raise InvalidDataError(
+            f"{path} has no column that begins with '{CONTEXT}'; add some, or give contexts= with "
+            f"a row for each of its {len(shown)} demonstrations."
+        )
+    told = [each.context for each in shown] if contexts is None else contexts
+    times = [np.array(each.times) for each in shown] if columns.time is not None else None
+    points = [np.array(each.points) for each in shown]
+    return np.asarray(told, np.float64), of_one_length(points, times, n_steps, str(path))
+
+
+class _Columns:
+    """Which column means what, and how a row is read.
+
+    :param path: of the file, for messages
+    :param header: its first row
+    """
+
+    def __init__(self, path: str, header: list[str]) -> None:
+        repeated = sorted({name for name in header if header.count(name) > 1})
+        if repeated or "" in header:
+            raise FileFormatError(
+                f"{path}: the header names {repeated or 'a column without a name'}; each column "
+                "needs a name of its own."
+            )
+        self.path, self.header = path, header
+        self.number = header.index(NUMBER) if NUMBER in header else None
+        self.time = header.index(TIME) if TIME in header else None
+        self.contexts = [i for i, name in enumerate(header) if name.startswith(CONTEXT)]
+        told = {self.number, self.time, *self.contexts}
+        self.dimensions = [i for i in range(len(header)) if i not in told]
+        if not self.dimensions:
+            raise FileFormatError(
+                f"{path} has the columns {', '.join(header) or '(none)'}, none of which is a "
+                f"dimension of the trajectory: besides '{NUMBER}', '{TIME}' and those that begin "
+                f"with '{CONTEXT}', a column for each joint or coordinate is needed."
+            )
+
+    def take(self, row: list[str], line: int, recorded: dict[str, _Recorded]) -> None:
+        """Add a row to its demonstration.
+
+        :param row: its cells
+        :param line: of the file
+        :param recorded: by the demonstration's name
+        """
+        if len(row) != len(self.header):
+            raise FileFormatError(
+                f"{self.path}, row {line} has {len(row)} cells; the header names "
+                f"{len(self.header)} columns."
+            )
+        name = "" if self.number is None else row[self.number].strip()
+        context = [self._value(row, i, line) for i in self.contexts]
+        known = recorded.setdefault(name, _Recorded(context))
+        for i, before, now in zip(self.contexts, known.context, context, strict=True):
+            if before != now:
+                raise FileFormatError(
+                    f"{self.path}, row {line}, column '{self.header[i]}': the context changes from "
+                    f"{before} to {now} within demonstration '{name}'; it must stay."
+                )
+        if self.time is not None:
+            now = self._value(row, self.time, line)
+            if known.times and now <= known.times[-1]:
+                raise FileFormatError(
+                    f"{self.path}, row {line}, column '{TIME}': {now} follows {known.times[-1]} in "
+                    f"demonstration '{name}'; times must increase."
+                )
+            known.times.append(now)
+        known.points.append([self._value(row, i, line) for i in self.dimensions])
+
+    def _value(self, row: list[str], column: int, line: int) -> float:
+        try:
+            value = float(row[column])
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise FileFormatError(
+                f"{self.path}, row {line}, column '{self.header[column]}': '{row[column]}' is no "
+                "finite number."
+            )
+        return value
+
+
+def write_csv(
+    path: str | PathLike[str],
+    contexts: ArrayLike,
+    trajectories: ArrayLike,
+    times: ArrayLike,
+    names: Sequence[str] | None = None,
+    context_names: Sequence[str] | None = None,
+) -> None:
+    """Write trajectories such that `read_csv` returns them bit for bit.
+
+    :param path: of the file
+    :param contexts: shape (N, C)
+    :param trajectories: shape (N, T, D)
+    :param times: of the time points, shape (T,)
+    :param names: of the dimensions; ``q1`` and so on by default
+    :param context_names: of the task parameters; ``1`` and so on by default
+    """
+    told, shown = np.asarray(contexts), np.asarray(trajectories)
+    dimensions = list(names or (f"q{i + 1}" for i in range(shown.shape[2])))
+    entries = list(context_names or (str(i + 1) for i in range(told.shape[1])))
+    lines = [[NUMBER, TIME, *(f"{CONTEXT}_{name}" for name in entries), *dimensions]]
+    for number, (context, trajectory) in enumerate(zip(told, shown, strict=True), start=1):
+        for time, point in zip(np.asarray(times), trajectory, strict=True):
+            numbers = [float(time), *map(float, context), *map(float, point)]
+            lines.append([str(number), *map(repr, numbers)])
+    text = "".join(",".join(line) + "\n" for line in lines)
+    with writing(path) as file:
+        file.write(text.encode())
