@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from results.exceptions import BenchmarkError
 from results.leaderboard.commands import add_leaderboard
 from results.suites import check_suite, describe_suites
-from results.thesis import FIGURES, TABLES, describe
+from results.thesis import NAMES, TABLES, describe
 
 if TYPE_CHECKING:  # the command line answers at once: what is slow to import waits
     from results.harness.records import RunRecord
@@ -62,7 +62,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_run(commands.add_parser("run", help="run a suite", epilog=EXIT_STATUS))
     _add_table(commands.add_parser("table", help="print the table of runs"))
     _add_plot(commands.add_parser("plot", help="draw learning curves and final paths"))
-    _add_reproduce(commands.add_parser("reproduce", help="make a figure of the thesis anew"))
+    _add_reproduce(commands.add_parser("reproduce", help="make what the thesis shows anew"))
     add_leaderboard(
         commands.add_parser("leaderboard", help="the committed rows: show, update, check, verify")
     )
@@ -137,16 +137,16 @@ def _add_plot(parser: argparse.ArgumentParser) -> None:
 
 def _add_reproduce(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Make the runs behind a figure of the thesis, as far as their folder does not hold them, "
-        "draw it, and print our numbers beside the thesis's and whether its claims held."
+        "Make the runs behind a figure or table of the thesis, as far as their folder does not "
+        "hold them, draw it, and print our numbers beside the thesis's and whether its claims held."
     )
     parser.set_defaults(command=reproduce)
     what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("name", nargs="?", metavar="NAME", help=f"one of {', '.join(FIGURES)}")
+    what.add_argument("name", nargs="?", metavar="NAME", help=f"one of {', '.join(NAMES)}")
     what.add_argument("--list", action="store_true", help="what can be made anew, and stop")
-    what.add_argument("--all", action="store_true", help="all figures")
+    what.add_argument("--all", action="store_true", help="all of them")
     parser.add_argument(
-        "--quick", action="store_true", help="fewer seeds and smaller budgets, about two minutes"
+        "--quick", action="store_true", help="fewer seeds and smaller budgets, a few minutes each"
     )
     parser.add_argument(
         "--workers", type=int, metavar="N", help="parallel processes (default: one per core)"
@@ -267,9 +267,7 @@ def reproduce(options: argparse.Namespace) -> int:
     :param options: the parsed arguments
     """
     if options.list:
-        print("\n".join(f"{name}: {describe(name)}" for name in FIGURES))
-        tables = (f"{name}: {describe(name)} ('nmp-bench table {name}')" for name in TABLES)
-        print("\n".join(tables))
+        print("\n".join(f"{name}: {describe(name)}" for name in NAMES))
         return 0
     from rich.console import Console
 
@@ -278,11 +276,14 @@ def reproduce(options: argparse.Namespace) -> int:
 
     check_workers(options.workers)
     request = Request(options.out or RUNS, options.quick, options.workers)
-    console = Console(highlight=False)
-    for name in FIGURES if options.all else (options.name,):
+    console, verdicts = Console(highlight=False), []
+    for name in NAMES if options.all else (options.name,):
         page = make(name, request)
         console.print(page.terminal(console.width))
+        verdicts += page.sections[-1].lines
         (request.folder / f"{request.file(name)}.md").write_text(page.markdown(), encoding="utf-8")
+    if options.all:
+        print("\n".join(verdicts))
     return 0
 
 

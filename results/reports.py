@@ -34,6 +34,7 @@ REPORTS = {
     "one-context": ONE_CONTEXT,
     "leave-one-out": ADAPTATION,
     "extrapolation": ADAPTATION,
+    "assimilation": ADAPTATION,
     "stream": STREAM,
 }
 

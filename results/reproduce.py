@@ -1,6 +1,6 @@
-"""``nmp-bench reproduce``: makes the runs behind a figure of the thesis, draws it and judges it."""
+"""``nmp-bench reproduce``: makes the runs behind a figure or table of the thesis, and judges it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from results.harness.resume import plan_runs
 from results.harness.specification import RunSpecification
 from results.harness.suite import make_suite
 from results.report.figure_style import save_figures
-from results.report.text_table import Page, Section
+from results.report.text_table import Page, Section, TextTable
 from results.suites import find_recipe
 from results.thesis import find_figure
 from results.thesis.interface import Finding, SamplingRuns, SuiteRuns, ThesisFigure, verdict
@@ -66,18 +66,22 @@ def reproduce(name: str, request: Request, tell: Callable[[str], None] = print) 
             _run_suite(runs, request)
         records[runs.folder] = read_records(request.place(runs)).records
     found = figure.findings(records)
-    drawn = {f"{request.file(name)}.png": figure.draw(records)}
+    drawn = {} if figure.draw is None else {f"{request.file(name)}.png": figure.draw(records)}
     for path in save_figures(request.folder, drawn):
         tell(f"Written: {path}")
-    return page(figure, found, request.quick)
+    tables = () if figure.tables is None else figure.tables(records)
+    return page(figure, found, request.quick, tables)
 
 
-def page(figure: ThesisFigure, found: list[Finding], quick: bool) -> Page:
-    """Return the claims of a figure with the thesis's numbers beside ours, and the verdict.
+def page(
+    figure: ThesisFigure, found: list[Finding], quick: bool, tables: Sequence[TextTable] = ()
+) -> Page:
+    """Return the claims of a figure with the thesis's numbers beside ours, and last the verdict.
 
     :param figure: of the thesis
     :param found: about its claims
     :param quick: whether the runs were quick ones
+    :param tables: above the claims
     """
     claims = [
         Section(
@@ -89,7 +93,7 @@ def page(figure: ThesisFigure, found: list[Finding], quick: bool) -> Page:
     ]
     judged = Section("Verdict", [f"{figure.name}: {verdict(found)}"], "bold")
     notes = [figure.made, *([QUICK_NOTE] if quick else [])]
-    return Page([], [judged, *claims, Section("How it is made", notes, "dim")])
+    return Page(tables, [*claims, Section("How it is made", notes, "dim"), judged])
 
 
 def _run_sampling(asked: SamplingRuns, request: Request, tell: Callable[[str], None]) -> None:
@@ -109,7 +113,7 @@ def specifications(asked: SuiteRuns) -> list[RunSpecification]:
     """Return the runs of a suite that are asked for.
 
     :param asked: which
-    :raises BenchmarkError: the suite has no such variant
+    :raises BenchmarkError: the suite has no such variant, or no context of such a number
     """
     seeds = None if asked.n_seeds is None else range(asked.n_seeds)
     recipe = find_recipe(asked.suite)
@@ -121,4 +125,15 @@ def specifications(asked: SuiteRuns) -> list[RunSpecification]:
             f"the suite '{asked.suite}' has no variant {', '.join(sorted(unknown))}; it has "
             f"{', '.join(recipe.variants)}."
         )
-    return [run for run in suite.specifications if run.variant in variants]
+    known = {run.protocol.number for run in suite.specifications}
+    numbers = known if asked.numbers is None else set(asked.numbers)
+    if numbers - known:
+        raise BenchmarkError(
+            f"the suite '{asked.suite}' has no context {sorted(numbers - known, key=str)}; it has "
+            f"{sorted(known, key=str)}."
+        )
+    return [
+        run
+        for run in suite.specifications
+        if run.variant in variants and run.protocol.number in numbers
+    ]

@@ -21,7 +21,7 @@ from results.reproduce import specifications
 from results.sampling.curves import BUNDLES, curves, heights_of
 from results.sampling.measures import bundles_found, in_gap, inside, spanned
 from results.sampling.runs import run_sampling, sampling_runs
-from results.thesis import FIGURES, TABLES, describe, find_figure
+from results.thesis import NAMES, describe, find_figure
 from results.thesis.interface import Finding, SuiteRuns, verdict
 from tests.records_fakes import curve_of, finished_run, specification
 
@@ -30,7 +30,9 @@ POINTS = TaskRecord(("x [m]",), ("y [m]",), 0.005, error_unit="m")
 
 def held(name: str, records: dict[str, list[RunRecord]]) -> list[bool]:
     figure = find_figure(name)
-    assert figure.draw(records).axes, "it can be drawn whatever the verdict"
+    assert figure.draw is not None and figure.draw(records).axes, (
+        "it can be drawn whatever the verdict"
+    )
     return [finding.held for finding in figure.findings(records)]
 
 
@@ -174,31 +176,38 @@ def test_a_figure_without_a_finished_run_says_which_there_are() -> None:
 
 
 def test_every_figure_names_its_file_and_runs_that_exist() -> None:
-    for name in FIGURES:
-        figure = find_figure(name)
-        assert figure.name == name and describe(name).startswith(f"Figure {name[4:]}")
+    for name in NAMES:
+        figure, (kind, _, number) = find_figure(name), name.partition("-")
+        begins = f"{'Figure' if kind == 'fig' else 'Table'} {number}: "
+        assert figure.name == name and describe(name).startswith(begins)
         for asked in (*figure.full, *figure.quick):
             if isinstance(asked, SuiteRuns):
                 runs = specifications(asked)
                 assert {run.label for run in runs} == set(asked.labels)
+                numbers = {run.protocol.number for run in runs}
+                assert asked.numbers is None or numbers == set(asked.numbers)
     (quick,) = find_figure("fig-6.4").quick
     assert isinstance(quick, SuiteRuns)
     assert {run.variant for run in specifications(quick)} == {"2 points", "4 points", "6 points"}
     with pytest.raises(BenchmarkError, match="no variant 9 points; it has 1 point, 2 points"):
         specifications(replace(quick, variants=("9 points",)))
+    (pushed, _) = find_figure("fig-5.6").quick
+    assert isinstance(pushed, SuiteRuns)
+    with pytest.raises(BenchmarkError, match=r"'push' has no context \[10\]; it has \[0, 1, 2"):
+        specifications(replace(pushed, numbers=(9, 10)))
 
 
 def test_the_list_names_figures_and_tables(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["reproduce", "--list"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.partition(":")[0] for line in lines] == [*FIGURES, *TABLES]
+    assert [line.partition(":")[0] for line in lines] == list(NAMES)
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["fig-7"], "nothing of the thesis is called 'fig-7' here; there are fig-6.2, fig-6.3"),
-        (["table-5.1"], "'nmp-bench table table-5.1' prints it"),
+        (["fig-7"], "nothing of the thesis is called 'fig-7' here; there are fig-5.3, fig-5.4"),
+        (["table-5"], "nothing of the thesis is called 'table-5' here"),
         (["fig-6.2", "--workers", "0"], "--workers is 0; at least 1"),
     ],
 )
@@ -223,7 +232,9 @@ def test_a_real_run_is_made_drawn_judged_and_kept(
     printed = capsys.readouterr().out
     assert "fig-6.2: not held" in printed and "quick runs, too few" in printed
     assert (tmp_path / "fig-6.2-quick.png").stat().st_size > 10_000
-    assert "not held" in (tmp_path / "fig-6.2-quick.md").read_text()
+    assert printed.split()[-3:] == ["fig-6.2:", "not", "held"], "the verdict is the last line"
+    lines = (tmp_path / "fig-6.2-quick.md").read_text().split("\n")
+    assert [line for line in lines if line][-1] == "- fig-6.2: not held"
     folder = tmp_path / "fig-6.2-quick"
     before = {path: path.stat().st_mtime_ns for path in folder.iterdir()}
     assert len(read_records(folder).records) == 5

@@ -12,13 +12,17 @@ from results.harness.records import Curve, Measurements, RolloutRecord
 
 
 class AdaptationEvaluation(GreedyEvaluation):
-    """Keeps the rows that change something, and the expert's answer beside the policy's."""
+    """Keeps the rows that change something, the expert's answer, and every rollout's reward."""
 
     expert: FloatArray | None = None
 
     def measured(self) -> Measurements:
-        """Return the curve, the first and last greedy rollout, and the expert's trajectory."""
+        """Return the curve, the first and last greedy rollout, and the expert's trajectory.
+
+        ``more["rewards"]`` are those of the rollouts, one by one.
+        """
         measured = super().measured()
+        measured.more["rewards"] = [round(reward, DECIMALS) for reward in self.rewards]
         if self.expert is not None:
             shown = RolloutRecord(self.expert.round(DECIMALS).tolist())
             measured.rollouts["expert"] = shown
@@ -29,6 +33,9 @@ class Adaptation(Protocol):
     """Adapt to one numbered context after demonstrations of others."""
 
     target: int
+
+    #: how its runs are evaluated
+    evaluation: ClassVar[type[AdaptationEvaluation]] = AdaptationEvaluation
 
     @abstractmethod
     def split(self, task_id: str) -> tuple[FloatArray, FloatArray]:
@@ -58,7 +65,7 @@ class Adaptation(Protocol):
         :param on_rollouts: told the number of rollouts so far
         """
         contexts, held_out = self.split(run.task_id)
-        evaluation = AdaptationEvaluation(
+        evaluation = self.evaluation(
             run.task, held_out, on_rollouts, from_start=run.pretrained, changes_only=True
         )
         evaluation.expert = run.expert(held_out)

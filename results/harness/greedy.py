@@ -64,6 +64,8 @@ class GreedyEvaluation(Evaluation):
         self._solving: Rollouts | None = None
         self._best: tuple[float, bool] = (-np.inf, False)
         self._any_success = False
+        #: of all rollouts, one by one
+        self.rewards: list[float] = []
 
     @property
     def greedy(self) -> Rollouts:
@@ -107,6 +109,7 @@ class GreedyEvaluation(Evaluation):
         for reward, info in zip(self.locals["rewards"], self.locals["infos"], strict=True):
             success = bool(info["is_success"])
             self._any_success |= success
+            self.rewards.append(float(reward))
             if float(reward) > self._best[0]:
                 self._best = (float(reward), success)
         self._add_row()

@@ -1,7 +1,7 @@
 """The tables and figures of the thesis beside ours, one file each.
 
-The first line of a figure's file says what it shows; its content is the `ThesisFigure` that the
-file calls ``FIGURE``.
+The first line of a file says what the figure or table shows; its content is the `ThesisFigure` that
+the file calls ``FIGURE``.
 """
 
 import ast
@@ -16,7 +16,12 @@ if TYPE_CHECKING:
     from results.thesis.interface import ThesisFigure
 
 TABLES = ("table-5.1", "table-5.2")
-FIGURES = ("fig-6.2", "fig-6.3", "fig-6.4", "fig-6.5", "fig-6.6")
+FIGURES = (
+    "fig-5.3", "fig-5.4", "fig-5.5", "fig-5.6", "fig-5.12",
+    "fig-6.2", "fig-6.3", "fig-6.4", "fig-6.5", "fig-6.6",
+)  # fmt: skip
+#: all that `find_figure` knows
+NAMES = (*FIGURES, *TABLES)
 
 
 def make_table(name: str, folder: Path) -> "Page":
@@ -30,19 +35,14 @@ def make_table(name: str, folder: Path) -> "Page":
 
 
 def find_figure(name: str) -> "ThesisFigure":
-    """Return a figure of the thesis.
+    """Return a figure or table of the thesis.
 
-    :param name: one of `FIGURES`
+    :param name: one of `NAMES`
     :raises BenchmarkError: there is none of that name
     """
-    if name in TABLES:
+    if name not in NAMES:
         raise BenchmarkError(
-            f"'{name}' is a table: 'nmp-bench table {name}' prints it from the runs of its suites."
-        )
-    if name not in FIGURES:
-        raise BenchmarkError(
-            f"nothing of the thesis is called '{name}' here; there are {', '.join(FIGURES)}, and "
-            f"by 'nmp-bench table' {', '.join(TABLES)}."
+            f"nothing of the thesis is called '{name}' here; there are {', '.join(NAMES)}."
         )
     return import_module(f"{__name__}.{_file(name)}").FIGURE
 
@@ -50,7 +50,7 @@ def find_figure(name: str) -> "ThesisFigure":
 def describe(name: str) -> str:
     """Return the first line of the file of a table or figure, without importing it.
 
-    :param name: one of `TABLES` and `FIGURES`
+    :param name: one of `NAMES`
     """
     source = Path(__path__[0], f"{_file(name)}.py").read_text(encoding="utf-8")
     return (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0]

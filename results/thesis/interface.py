@@ -1,4 +1,4 @@
-"""What a figure of the thesis is here: runs, claims with numbers beside the thesis's, a picture."""
+"""What a figure or table of the thesis is here: runs, claims, our numbers beside the thesis's."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 from results.exceptions import BenchmarkError
 from results.harness.records import RunRecord, finished
+from results.report.text_table import TextTable
 
 if TYPE_CHECKING:  # drawing is imported where it is asked for
     from matplotlib.figure import Figure
@@ -25,6 +26,7 @@ class SuiteRuns:
     :param n_seeds: from 0 on; the suite's own number by default
     :param budget: rollouts of a run; the suite's own by default
     :param variants: of the tasks; all by default
+    :param numbers: of the contexts, where the suite's protocols number them; all by default
     """
 
     folder: str
@@ -33,6 +35,7 @@ class SuiteRuns:
     n_seeds: int | None = None
     budget: int | None = None
     variants: tuple[str, ...] | None = None
+    numbers: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -69,14 +72,15 @@ class Finding:
 
 @dataclass(frozen=True)
 class ThesisFigure:
-    """A figure of the thesis that a command makes anew.
+    """A figure or table of the thesis that a command makes anew.
 
-    :param name: such as ``"fig-6.2"``
+    :param name: such as ``"fig-6.2"`` or ``"table-5.1"``
     :param made: how it is made and what is measured
     :param full: the runs behind it
     :param quick: the runs of ``--quick``, too few for conclusions
     :param findings: of the records; the first argument of both is what `records_in` returns
-    :param draw: the picture
+    :param draw: the picture; None where there is none
+    :param tables: of text, where there are any
     """
 
     name: str
@@ -84,7 +88,8 @@ class ThesisFigure:
     full: tuple[SuiteRuns | SamplingRuns, ...]
     quick: tuple[SuiteRuns | SamplingRuns, ...]
     findings: Callable[[Records], list[Finding]]
-    draw: Callable[[Records], "Figure"]
+    draw: Callable[[Records], "Figure"] | None = None
+    tables: Callable[[Records], Sequence[TextTable]] | None = None
 
 
 def verdict(findings: Sequence[Finding]) -> Verdict:
@@ -101,21 +106,27 @@ def verdict(findings: Sequence[Finding]) -> Verdict:
     return "held in part" if n_held else "not held"
 
 
-def chosen(records: Sequence[RunRecord], label: str, variant: str | None = None) -> list[RunRecord]:
+def chosen(
+    records: Sequence[RunRecord], label: str, variant: str | None = None, number: int | None = None
+) -> list[RunRecord]:
     """Return the finished runs of an algorithm, seed by seed.
 
     :param records: of one folder
     :param label: the algorithm's
     :param variant: of the task; all by default
+    :param number: of the context; all by default
     :raises BenchmarkError: there are none
     """
     found = [
         record
         for record in finished(records)
-        if record.specification.label == label and variant in (None, record.specification.variant)
+        if record.specification.label == label
+        and variant in (None, record.specification.variant)
+        and number in (None, record.specification.protocol.number)
     ]
     if not found:
         where = f" on {variant}" if variant else ""
+        where += "" if number is None else f" in context {number}"
         known = sorted({record.specification.label for record in finished(records)})
         raise BenchmarkError(
             f"no run of {label}{where} has finished; the folder holds finished runs of "
