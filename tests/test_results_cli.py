@@ -144,7 +144,10 @@ def test_a_run_can_be_rendered_from_its_file(folder: Path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["run", "--suite", "nope"], "there are ablations, aperture, aperture-ablations, bottles"),
+        (
+            ["run", "--suite", "nope"],
+            "there are ablations, aperture, aperture-abl",
+        ),
         (["table", "table-5.1"], "'nmp-bench run --suite push' and 'nmp-bench run --suite aper"),
         (["table", "table-5.1", "--suite", "push"], "leave out --suite"),
         (["run", "--suite", "fakes", "--algorithms", "nope"], "it has Hill, Broken, Absent"),
@@ -153,7 +156,10 @@ def test_a_run_can_be_rendered_from_its_file(folder: Path):
         (["run", "--suite", "fakes", "--budget", "0"], "at least 1 rollout"),
         (["run", "--suite", "fakes", "--workers", "0"], "at least 1 process"),
         (["table", "--runs", "nowhere"], "holds no readable runs"),
-        (["plot", "--suite", "nope"], "there are ablations, aperture, aperture-ablations, bottles"),
+        (
+            ["plot", "--suite", "nope"],
+            "there are ablations, aperture, aperture-abl",
+        ),
         (["render", "nmp/Bottles-v0", "--expert", "s", "--out", "x.jpg"], ".gif, .mp4, .png"),
         (["render", "nmp/Bottles-v0", "--expert", "z", "--out", "x.gif"], "s, reverse_s"),
         (["render", "nmp/Bottle-v0", "--expert", "s", "--out", "x.gif"], "nmp/Bottles-v0"),

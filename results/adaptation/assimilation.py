@@ -21,8 +21,7 @@ class LatentEvaluation(AdaptationEvaluation):
     """Keeps the network as it was before the first rollout, to compare its latent space."""
 
     before: CNMP
-    #: what was shown, and the expert's answers in the two contexts beside the run's own
-    shown: Demonstrations
+    #: the expert's answers in the two contexts beside the run's own
     neighbours: Demonstrations
 
     def _on_training_start(self) -> None:
@@ -44,7 +43,8 @@ class LatentEvaluation(AdaptationEvaluation):
     def _latents(self, cnmp: CNMP, found: FloatArray) -> dict[str, Any]:
         """Return where whole trajectories lie in a network's latent space.
 
-        ``error`` is that of the trajectory that the network makes of the found one's latent.
+        ``error`` is that of the trajectory that the network makes of the found one's latent, and
+        ``solved`` tells whether it is enough.
 
         :param cnmp: the network
         :param found: the run's solution, shape (1, T, D)
@@ -52,14 +52,16 @@ class LatentEvaluation(AdaptationEvaluation):
         asked = self.context[None]
         latent = cnmp.encode_whole(Demonstrations(asked, found))
         decoded = cnmp.mean(cnmp.condition(latent.new_tensor(asked)), latent).cpu().numpy()
+        rollouts = self.task.simulate(asked, decoded)
         codes = {
-            "shown": cnmp.encode_whole(self.shown),
+            "shown": cnmp.encode_whole(cast(Demonstrations, self.demonstrations)),
             "neighbours": cnmp.encode_whole(self.neighbours),
             "found": latent[0],
         }
         return {
             **{name: code.cpu().numpy().round(DECIMALS).tolist() for name, code in codes.items()},
-            "error": round(-float(self.task.simulate(asked, decoded).rewards[0]), DECIMALS),
+            "error": round(-float(rollouts.rewards[0]), DECIMALS),
+            "solved": bool(rollouts.successes[0]),
         }
 
 
@@ -118,6 +120,5 @@ class Assimilation(Adaptation):
         """
         prepared = super().prepare(run, on_rollouts)
         evaluation = cast(LatentEvaluation, prepared.evaluation)
-        evaluation.shown = cast(Demonstrations, prepared.demonstrations)
         evaluation.neighbours = run.demonstrated(self.beside(run.task_id))
         return prepared

@@ -1,32 +1,62 @@
 """The protocols of adaptation: `LeaveOneOut` and `Extrapolation`."""
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from benchmark_envs import extrapolation, leave_one_out
+from benchmark_envs import Rollouts, extrapolation, leave_one_out
+from results.adaptation.shape import distance_from_shapes
 from results.harness.environments import FloatArray, RunTask
 from results.harness.greedy import DECIMALS, GreedyEvaluation
 from results.harness.protocol import OnRollouts, PreparedRun, Protocol
 from results.harness.records import Curve, Measurements, RolloutRecord
+from sb3_nmp import Demonstrations
+
+THINNED, DECIMALS_SHOWN = 4, 4  # of the demonstrations that records keep
 
 
 class AdaptationEvaluation(GreedyEvaluation):
-    """Keeps the rows that change something, the expert's answer, and every rollout's reward."""
+    """Keeps the rows that change something, and what there is to compare with demonstrations."""
 
     expert: FloatArray | None = None
+    #: of the other contexts, whatever the algorithm was shown
+    demonstrations: Demonstrations | None = None
 
     def measured(self) -> Measurements:
         """Return the curve, the first and last greedy rollout, and the expert's trajectory.
 
-        ``more["rewards"]`` are those of the rollouts, one by one.
+        ``more`` has ``rewards`` of all rollouts, one by one; what else happened in the greedy
+        ones (``outcomes``), and their distance from the demonstrations' shape (``shapes``), by
+        name; and ``shown``, the demonstrations at every fourth time point, for figures.
         """
         measured = super().measured()
         measured.more["rewards"] = [round(reward, DECIMALS) for reward in self.rewards]
         if self.expert is not None:
             shown = RolloutRecord(self.expert.round(DECIMALS).tolist())
             measured.rollouts["expert"] = shown
+        if self.demonstrations is not None:
+            measured.more.update(compared(self.rollouts, self.demonstrations.trajectories))
         return measured
+
+
+def compared(rollouts: Mapping[str, Rollouts], shown: FloatArray) -> dict[str, Any]:
+    """Return what a record holds of rollouts beside demonstrations.
+
+    :param rollouts: batches of one, by name
+    :param shown: the demonstrations, shape (N, T, D)
+    """
+    return {
+        "outcomes": {
+            name: {what: float(value[0]) for what, value in each.outcomes.items()}
+            for name, each in rollouts.items()
+        },
+        "shapes": {
+            name: round(distance_from_shapes(each.trajectories[0], shown), DECIMALS)
+            for name, each in rollouts.items()
+        },
+        "shown": shown[:, ::THINNED].round(DECIMALS_SHOWN).tolist(),
+    }
 
 
 class Adaptation(Protocol):
@@ -69,6 +99,7 @@ class Adaptation(Protocol):
             run.task, held_out, on_rollouts, from_start=run.pretrained, changes_only=True
         )
         evaluation.expert = run.expert(held_out)
+        evaluation.demonstrations = run.demonstrated(contexts)
         environments = run.environments(held_out)
         shown = run.initial(held_out) if run.shown_initial else run.demonstrated(contexts)
         return PreparedRun(environments, evaluation, run.task_record, shown)

@@ -22,28 +22,13 @@ import torch as th
 
 from benchmark_envs import TrajectoryEnv, leave_one_out, make_task
 from benchmark_envs.tasks.push import EXTRAPOLATION_TARGETS
+from results.adaptation.shape import distance_from_shapes
 from results.suites.push_ablations import ALGORITHMS
 from sb3_nmp import ACNMP, Demonstrations
 
 LABELS = ("ACNMP", "latents too", "policy gradient, to go", "RL only")
 SEEDS = range(5)
 BUDGET = 130
-SHOWN_VARIANCE = 0.99
-
-
-def distance_from_shapes(trajectory: np.ndarray, demonstrations: np.ndarray) -> float:
-    """Return the root mean square distance from the demonstrations' principal subspace.
-
-    :param trajectory: shape (T, D)
-    :param demonstrations: shape (N, T, D)
-    """
-    mean = demonstrations.mean(axis=0)
-    flat = (demonstrations - mean).reshape(len(demonstrations), -1)
-    _, lengths, axes = np.linalg.svd(flat, full_matrices=False)
-    held = np.cumsum(lengths**2) / np.sum(lengths**2)
-    axes = axes[: 1 + int(np.argmax(held >= SHOWN_VARIANCE))]
-    deviation = (trajectory - mean).ravel()
-    return float(np.sqrt(np.mean((deviation - axes.T @ (axes @ deviation)) ** 2)))
 
 
 def roughness(trajectories: np.ndarray) -> float:

@@ -27,7 +27,7 @@ import torch as th
 
 from baselines.primitives import ProMP
 from benchmark_envs import make_task
-from results.experiments.acnmp_shape import distance_from_shapes
+from results.adaptation.shape import distance_from_shapes
 from sb3_nmp import CNMPPretraining, Demonstrations
 from sb3_nmp.models.cnmp import CNMP
 from sb3_nmp.models.cnmp_training import pretrain

@@ -75,6 +75,18 @@ class GreedyEvaluation(Evaluation):
         return self._greedy
 
     @property
+    def rollouts(self) -> dict[str, Rollouts]:
+        """Batches of one by name: ``greedy``, ``untrained``, ``own`` and ``solving``."""
+        found = {"greedy": self.greedy}
+        if self.from_start and self._first is not None:
+            found["untrained"] = self._first
+        if self._own is not None:
+            found["own"] = self._own
+        if self._solving is not None:
+            found["solving"] = self._solving
+        return found
+
+    @property
     def curve(self) -> dict[str, list[Any]]:
         """The rows, as lists by column; before the first rollout the best one is None."""
         rows = changes(self.rows) if self.changes_only else self.rows
@@ -82,13 +94,7 @@ class GreedyEvaluation(Evaluation):
 
     def measured(self) -> Measurements:
         """Return the curve, the last greedy rollout, the first one, and the model's own answer."""
-        rollouts = {"greedy": self._rollout(self.greedy)}
-        if self.from_start and self._first is not None:
-            rollouts["untrained"] = self._rollout(self._first)
-        if self._own is not None:
-            rollouts["own"] = self._rollout(self._own)
-        if self._solving is not None:
-            rollouts["solving"] = self._rollout(self._solving)
+        rollouts = {name: self._rollout(each) for name, each in self.rollouts.items()}
         values = tuple(exact(self.context))
         return Measurements(
             self.curve, ContextRecord(values, self.task.scene(self.context)), rollouts

@@ -11,6 +11,7 @@ from results.harness.records import RunRecord
 from results.report.figure_style import plain_axes
 from results.report.statistics import quantile
 from results.thesis.interface import Finding, Records, ThesisFigure, chosen
+from results.thesis.obstacle_runs import kept_points
 from results.thesis.real_robot_runs import (
     OURS,
     PICK_AND_PLACE,
@@ -25,8 +26,8 @@ NUMBER = 1
 LEAST_CORRELATION = 0.95
 MADE = (
     "Pick-and-place in MuJoCo, eight demonstrations of objects of 2 and 6 cm and towers of 2 to 8 "
-    "cm, 100 rollouts. Grey: the network before any rollout, which stands for the demonstrations; "
-    "blue: our expert, whom the reward does not tell of; red: ACNMP's answer. Shape: for each "
+    "cm, 100 rollouts. Grey: the demonstrations; blue: our expert, whom the reward does not tell "
+    "of; red: ACNMP's answer. Shape: for each "
     "joint, the correlation over time of its angle with the expert's, least over joints; in these "
     f"words it is kept where that is at least {LEAST_CORRELATION} in the median run."
 )
@@ -108,16 +109,20 @@ def draw(records: Records) -> Figure:
 
 
 def _draw_joint(axes: Axes, runs: Sequence[RunRecord], joint: int) -> None:
-    looks = (
-        ("untrained", "0.7", "network before any rollout"),
-        ("greedy", "#D55E00", "ACNMP"),
-        ("expert", "#0072B2", "expert"),
+    shown = np.degrees(np.array(runs[0].measured.more["shown"])[..., joint])
+    found, expert = (
+        np.array([angles(run, which)[:, joint] for run in some])
+        for which, some in (("greedy", runs), ("expert", runs[:1]))
     )
-    for which, colour, name in looks:
-        for index, run in enumerate(runs[:1] if which == "expert" else runs):
-            path = angles(run, which)[:, joint]
-            times = run.task.dt * np.arange(1, len(path) + 1)
-            axes.plot(times, path, color=colour, linewidth=1.3, label="_" if index else name)
+    times = runs[0].task.dt * np.arange(1, found.shape[1] + 1)
+    for paths, colour, name in (
+        (shown, "0.75", "demonstrations"),
+        (found, "#D55E00", "ACNMP"),
+        (expert, "#0072B2", "expert"),
+    ):
+        at = times[kept_points(paths.shape[1], len(times))]
+        labels = [name] + ["_"] * (len(paths) - 1)
+        axes.plot(at, paths.T, color=colour, linewidth=1.2, label=labels)
     plain_axes(axes)
 
 

@@ -1,19 +1,29 @@
 """Figure 5.4: the farther the via-point is from the demonstrations, the less shape is kept."""
 
+from itertools import groupby
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmark_envs.tasks.obstacles import EXTRAPOLATION_HEIGHTS, HEIGHTS, VIA_X, two_humps
+from results.harness.records import RunRecord
 from results.report.figure_style import line_style, plain_axes
 from results.report.statistics import mean_interval
 from results.thesis.interface import Finding, Records, SuiteRuns, ThesisFigure, chosen
-from results.thesis.obstacle_runs import FOLDER, SUITE, Outcomes, draw_paths, outcomes
+from results.thesis.obstacle_runs import (
+    FOLDER,
+    SUITE,
+    Outcomes,
+    draw_paths,
+    outcomes,
+    via_height,
+)
 
 OURS, THESIS_NETWORK = "ACNMP", "ACNMP, thesis's network"
 LABELS = (OURS, THESIS_NETWORK, "twin, nearest", "twin, ridge", "twin, Gaussian process")
-NUMBERS = tuple(range(len(EXTRAPOLATION_HEIGHTS)))
-QUICK_NUMBERS = (NUMBERS[0], NUMBERS[-1])
+#: the nearest and the farthest via-point
+QUICK_NUMBERS = (0, 3)
+NEVER = 38.0  # drawn for infinitely many rollouts
 MADE = (
     "As in Figure 5.3, via-points at 0.5, 0.6, 0.8 and 1.0 m, 35 rollouts each; the highest "
     "demonstration passes 0.452 m. Shape: root mean square distance from the nearest multiple of "
@@ -22,15 +32,18 @@ MADE = (
 )
 
 
-def by_number(records: Records, label: str) -> dict[int, Outcomes]:
-    """Return what came of an algorithm's runs in each context that it has runs of.
+def by_height(records: Records, label: str) -> dict[float, list[RunRecord]]:
+    """Return an algorithm's runs by the height of their via-point, from the lowest.
 
     :param records: of `FOLDER`
     :param label: the algorithm's
     """
-    runs = chosen(records[FOLDER], label)
-    numbers = sorted({run.specification.protocol.number or 0 for run in runs})
-    return {n: outcomes(chosen(runs, label, number=n)) for n in numbers}
+    runs = sorted(chosen(records[FOLDER], label), key=via_height)
+    return {height: list(each) for height, each in groupby(runs, key=via_height)}
+
+
+def _outcomes(records: Records, label: str) -> dict[float, Outcomes]:
+    return {height: outcomes(runs) for height, runs in by_height(records, label).items()}
 
 
 def findings(records: Records) -> list[Finding]:
@@ -46,7 +59,7 @@ def findings(records: Records) -> list[Finding]:
 
 
 def _meets(records: Records, label: str) -> Finding:
-    found = by_number(records, label)
+    found = _outcomes(records, label)
     solved = sum(each.n_solved for each in found.values())
     n = sum(len(each.errors) for each in found.values())
     worst = max(float(each.errors.max()) for each in found.values())
@@ -57,12 +70,12 @@ def _meets(records: Records, label: str) -> Finding:
 
 
 def _loses_shape(records: Records, label: str) -> Finding:
-    found = by_number(records, label)
+    found = _outcomes(records, label)
     near, far = (found[end(found)].shapes for end in (min, max))
     n = min(len(near), len(far))
     low, high = (float(bound) for bound in mean_interval(far[:n] - near[:n]))
     medians = ", ".join(
-        f"{EXTRAPOLATION_HEIGHTS[k]:g} m: {np.median(each.shapes):.3g}" for k, each in found.items()
+        f"{height:g} m: {np.median(each.shapes):.3g}" for height, each in found.items()
     )
     return Finding(
         f"{label} keeps less of the shape the farther the via-point lies", "shown",
@@ -75,38 +88,35 @@ def draw(records: Records) -> Figure:
 
     :param records: of `FOLDER`
     """
-    numbers = list(by_number(records, OURS))
+    heights = list(by_height(records, OURS))
     figure = Figure(figsize=(13, 9.5), layout="constrained")
-    above, below = figure.subfigures(2, 1, height_ratios=(1.5, 1))
-    panels = above.subplots(2, len(numbers), sharex=True, sharey=True, squeeze=False)
+    above, below = np.ravel(figure.subfigures(2, 1, height_ratios=(1.5, 1)))
+    panels = above.subplots(2, len(heights), sharex=True, sharey=True, squeeze=False)
     for row, label in zip(panels, (OURS, THESIS_NETWORK), strict=True):
         row[0].set_ylabel(f"{label}\ny [m]", fontsize=9)
-        for axes, number in zip(row, numbers, strict=True):
-            runs = chosen(records[FOLDER], label, number=number)
-            draw_paths(axes, runs, "greedy", "#D55E00", "found, a line for each seed")
+        for axes, (height, runs) in zip(row, by_height(records, label).items(), strict=True):
+            draw_paths(axes, runs)
             solved = outcomes(runs).n_solved
-            height = EXTRAPOLATION_HEIGHTS[number]
             axes.set_title(f"via-point at {height:g} m: {solved}/{len(runs)} solved", fontsize=9)
-    shape, rollouts = below.subplots(1, 2)
+    shape, rollouts = np.ravel(below.subplots(1, 2))
     _draw_curves(shape, records, "shapes", "distance from the demonstrated shape [m]")
-    _draw_curves(rollouts, records, "rollouts", "rollouts to success (none: 35+)")
+    _draw_curves(rollouts, records, "rollouts", "rollouts to success (at the top: none)")
     handles, names = shape.get_legend_handles_labels()
     below.legend(handles, names, loc="outside lower center", ncols=len(LABELS), frameon=False)
     return figure
 
 
 def _draw_curves(axes: Axes, records: Records, what: str, name: str) -> None:
-    highest = max(HEIGHTS) * float(two_humps(VIA_X))
     for label in LABELS:
-        found = by_number(records, label)
-        beyond = [EXTRAPOLATION_HEIGHTS[n] - highest for n in found]
-        values = np.array([np.minimum(getattr(each, what), 36.0) for each in found.values()])
-        middle = np.median(values, axis=1)
-        style = line_style(label, LABELS)
-        axes.plot(beyond, middle, label=label, marker="o", **style)
-        low, high = values.min(axis=1), values.max(axis=1)
-        axes.fill_between(beyond, low, high, color=style["color"], alpha=0.13, linewidth=0)
-    axes.set(xlabel="via-point above the highest demonstration [m]", ylabel=name)
+        found = _outcomes(records, label)
+        heights, style = list(found), line_style(label, LABELS)
+        values = [np.minimum(getattr(each, what), NEVER) for each in found.values()]
+        middle, low, high = (
+            [float(summary(each)) for each in values] for summary in (np.median, np.min, np.max)
+        )
+        axes.plot(heights, middle, label=label, marker="o", **style)
+        axes.fill_between(heights, low, high, color=style["color"], alpha=0.13, linewidth=0)
+    axes.set(xlabel="height of the via-point [m]; demonstrations reach 0.452 m", ylabel=name)
     axes.set_ylim(bottom=0)
     plain_axes(axes)
 

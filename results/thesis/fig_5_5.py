@@ -8,7 +8,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from benchmark_envs.tasks.obstacles import TOLERANCE
 from results.harness.records import RunRecord
 from results.report.figure_style import plain_axes
 from results.thesis.interface import Finding, Records, SuiteRuns, ThesisFigure, chosen
@@ -24,8 +23,8 @@ MADE = (
     "Place: 0 at one neighbour, 1 at the other, along the line through them; 'between' is from 0 "
     "to 1. Off: distance from that line, in units of the neighbours' distance. Beyond the "
     "demonstrations the neighbours are the highest one and a curve as far on the other side, never "
-    "shown; 'between' has one demonstration left out. Decoded: error of the trajectory that the "
-    f"network makes of the point. It satisfies the task where that is at most {TOLERANCE} m."
+    "shown; 'between' has one demonstration left out. Decoded: the trajectory that the network "
+    "makes of the point, its distance from the via-point, and whether it solves the task."
 )
 
 
@@ -46,13 +45,13 @@ def place_of(latents: dict[str, Any]) -> tuple[float, float]:
 
 
 def numbers(runs: Sequence[RunRecord], stage: str) -> NDArray[np.float64]:
-    """Return place, distance from the line and decoded error of each run, shape (N, 3).
+    """Return place, distance from the line, decoded error and success of each run, shape (N, 4).
 
     :param runs: finished ones
     :param stage: ``"before"`` or ``"after"``
     """
     latents = [run.measured.more["latents"][stage] for run in runs]
-    return np.array([(*place_of(each), each["error"]) for each in latents])
+    return np.array([(*place_of(each), each["error"], each["solved"]) for each in latents])
 
 
 def findings(records: Records) -> list[Finding]:
@@ -71,8 +70,8 @@ def findings(records: Records) -> list[Finding]:
 def _of_kind(runs: Sequence[RunRecord], name: str) -> list[Finding]:
     before, after = (numbers(runs, stage) for stage in STAGES)
     inside = [int(((found[:, 0] > 0) & (found[:, 0] < 1)).sum()) for found in (before, after)]
-    met = [int((found[:, 2] <= TOLERANCE).sum()) for found in (before, after)]
-    (place, off, error), (new_place, new_off, new_error) = (
+    met = [int(found[:, 3].sum()) for found in (before, after)]
+    (place, off, error, _), (new_place, new_off, new_error, _) = (
         np.median(found, axis=0) for found in (before, after)
     )
     n = len(runs)

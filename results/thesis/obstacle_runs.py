@@ -8,15 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from benchmark_envs.tasks.obstacles import (
-    HEIGHTS,
-    LEFT,
-    RIGHT,
-    TOLERANCE,
-    touched_ellipses,
-    two_humps,
-)
-from results.harness.records import RolloutRecord, RunRecord
+from results.harness.records import RunRecord
 from results.one_context.final_rollouts import draw_scene
 from results.report.figure_style import plain_axes
 from results.report.frames import rollouts_to_success
@@ -27,15 +19,17 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Outcomes:
-    """What came of an algorithm's runs in one context, an entry for each run.
+    """What came of the last greedy rollouts of runs in one context, an entry for each run.
 
+    :param solved: via-point met, no ellipse touched
     :param errors: distance from the via-point in m
-    :param shapes: distance from the demonstrations' shape in m, see `shape_distance`
+    :param shapes: distance from the demonstrations' shape in m
     :param touched: ellipses touched
     :param ends: how far start or end lie from y = 0, in m
     :param rollouts: until the greedy policy succeeds for good; infinite where it never does
     """
 
+    solved: NDArray[np.bool_]
     errors: FloatArray
     shapes: FloatArray
     touched: FloatArray
@@ -44,45 +38,34 @@ class Outcomes:
 
     @property
     def n_solved(self) -> int:
-        """How many runs pass the via-point and touch no ellipse."""
-        return int(((self.errors <= TOLERANCE) & (self.touched == 0)).sum())
+        """How many runs are solved."""
+        return int(self.solved.sum())
 
 
-def outcomes(runs: Sequence[RunRecord], which: str = "greedy") -> Outcomes:
+def outcomes(runs: Sequence[RunRecord]) -> Outcomes:
     """Return what came of runs.
 
     :param runs: finished ones in one context
-    :param which: the last ``"greedy"`` rollout, or the one before any search, ``"untrained"``
     """
-    paths = np.stack([path_of(run, which) for run in runs])
-    solved = [
-        rollouts_to_success(run.curve["rollouts"], run.curve["greedy_success"]) for run in runs
-    ]
+    rollouts, curves = [run.measured.rollouts["greedy"] for run in runs], [r.curve for r in runs]
+    more = [run.measured.more for run in runs]
+    since = [rollouts_to_success(each["rollouts"], each["greedy_success"]) for each in curves]
     return Outcomes(
-        errors=np.array([-(rollout_of(run, which).reward or 0.0) for run in runs]),
-        shapes=shape_distance(paths),
-        touched=touched_ellipses(paths, ellipses_of(runs[0])).sum(axis=1).astype(float),
-        ends=np.abs(paths[:, [0, -1]]).max(axis=1),
-        rollouts=np.array(solved),
+        solved=np.array([bool(each.success) for each in rollouts]),
+        errors=np.array([-(each.reward or 0.0) for each in rollouts]),
+        shapes=np.array([each["shapes"]["greedy"] for each in more]),
+        touched=np.array([each["outcomes"]["greedy"]["touched"] for each in more]),
+        ends=np.array([each["outcomes"]["greedy"]["ends"] for each in more]),
+        rollouts=np.array(since),
     )
 
 
-def rollout_of(run: RunRecord, which: str = "greedy") -> RolloutRecord:
-    """Return a rollout of a run's record.
+def via_height(run: RunRecord) -> float:
+    """Return the height of a run's via-point in m.
 
     :param run: a finished one
-    :param which: its name
     """
-    return run.measured.rollouts[which]
-
-
-def path_of(run: RunRecord, which: str = "greedy") -> FloatArray:
-    """Return the heights over time of a rollout, shape (T,) in m.
-
-    :param run: a finished one
-    :param which: its name
-    """
-    return np.array(rollout_of(run, which).trajectory)[:, 0]
+    return float(scene_of(run)["targets"][0][1])
 
 
 def scene_of(run: RunRecord) -> dict[str, Any]:
@@ -94,45 +77,34 @@ def scene_of(run: RunRecord) -> dict[str, Any]:
     return (context.scene if context else None) or {}
 
 
-def ellipses_of(run: RunRecord) -> FloatArray:
-    """Return the ellipses' centres and radii, shape (E, 4) in m.
-
-    :param run: a finished one
-    """
-    return np.array([[*e["center"], *e["radii"]] for e in scene_of(run)["ellipses"]])
-
-
-def shape_distance(paths: FloatArray) -> FloatArray:
-    """Return the root mean square distance from the nearest curve of the demonstrated shape, (N,).
-
-    All demonstrations are multiples of one curve, so the nearest one is a projection.
-
-    >>> curve = two_humps(np.linspace(LEFT, RIGHT, 200))
-    >>> shape_distance(np.stack([1.3 * curve, np.ones(200)])).round(2).tolist()
-    [0.0, 0.43]
-
-    :param paths: shape (N, T) in m
-    """
-    curve = two_humps(np.linspace(LEFT, RIGHT, paths.shape[1]))
-    along = paths @ curve / (curve @ curve)
-    return np.sqrt(np.mean((paths - np.outer(along, curve)) ** 2, axis=1))
-
-
-def draw_paths(axes: Axes, runs: Sequence[RunRecord], which: str, colour: str, name: str) -> None:
-    """Draw demonstrations, ellipses and via-point, and above them a rollout of each run.
+def draw_paths(axes: Axes, runs: Sequence[RunRecord], colour: str = "#D55E00") -> None:
+    """Draw demonstrations, ellipses and via-point, and above them what each run found.
 
     :param axes: of a panel
     :param runs: finished ones in one context
-    :param which: their rollout
-    :param colour: of the rollouts
-    :param name: of the rollouts in the legend
+    :param colour: of what was found
     """
-    x = np.linspace(LEFT, RIGHT, len(path_of(runs[0], which)))
-    draw_scene(axes, scene_of(runs[0]))
-    shown = np.outer(two_humps(x), HEIGHTS)
-    labels = ["demonstrations"] + ["_"] * (len(HEIGHTS) - 1)
-    axes.plot(x, shown, color="#56B4E9", linewidth=1, label=labels)
-    paths = np.stack([path_of(run, which) for run in runs], axis=1)
-    labels = [name] + ["_"] * (len(runs) - 1)
-    axes.plot(x, paths, color=colour, linewidth=1.6, alpha=0.8, label=labels)
+    scene = scene_of(runs[0])
+    draw_scene(axes, scene)
+    shown = np.array(runs[0].measured.more["shown"])[..., 0]
+    found = np.array([run.measured.rollouts["greedy"].trajectory for run in runs])[..., 0]
+    n_time_points, (low, high) = found.shape[1], (scene["along"][end] for end in ("low", "high"))
+    for paths, look, name in (
+        (shown, {"color": "#56B4E9", "linewidth": 1.0}, "demonstrations"),
+        (found, {"color": colour, "linewidth": 1.6, "alpha": 0.8}, "found, a line for each seed"),
+    ):
+        x = low + (high - low) * kept_points(paths.shape[1], n_time_points) / (n_time_points - 1)
+        axes.plot(x, paths.T, label=[name] + ["_"] * (len(paths) - 1), **look)
     plain_axes(axes)
+
+
+def kept_points(n_kept: int, n_time_points: int) -> NDArray[np.int_]:
+    """Return the indices of the time points that a record kept, evenly from the first one on.
+
+    >>> kept_points(3, 9).tolist()
+    [0, 3, 6]
+
+    :param n_kept: how many
+    :param n_time_points: of how many
+    """
+    return np.arange(n_kept) * -(-n_time_points // n_kept)
