@@ -27,3 +27,15 @@ def test_links_lead_to_files() -> None:
     for page in PAGES:
         for link in re.findall(r"\]\((?!http)([^)#]+)\)", page.read_text(encoding="utf-8")):
             assert (page.parent / link).exists(), f"{page.name}: {link}"
+
+
+def test_every_claim_has_a_verdict_and_what_it_rests_on() -> None:
+    text = (ROOT / "docs" / "claims.md").read_text(encoding="utf-8")
+    rows = [line.strip("|").split(" | ") for line in text.splitlines() if line.startswith("| ")]
+    claims = [[cell.strip() for cell in row] for row in rows if row[0].strip() != "claim"]
+    assert len(claims) > 40
+    for claim in claims:
+        name, place, here, twin, verdict = claim
+        assert all((name, place, here, twin)), name
+        assert verdict in ("held", "held in part", "not held", "not measured"), name
+        assert verdict == "not measured" or re.search(r"\d", here), f"{name}: no number"

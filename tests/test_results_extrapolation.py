@@ -110,7 +110,8 @@ def test_a_run_is_shown_the_demonstrations_and_begins_with_the_untrained_answer(
     assert done.context is not None and done.context.values == (0.09, 0.11)
     assert np.shape(done.rollouts["untrained"].trajectory) == (200, 6)
     assert run.stem.endswith("pickandplace-v1_target-01_seed-003")
-    assert len(json.dumps(msgspec.to_builtins(done))) < 100_000, "records are small"
+    size = len(json.dumps(msgspec.to_builtins(done)))
+    assert size < 120_000, "records are small, though they hold the demonstrations"
 
 
 def _short_pretraining() -> object:
