@@ -10,9 +10,10 @@ import pytest
 from benchmark_envs import make_task
 from benchmark_envs.tasks.obstacles import EXTRAPOLATION_HEIGHTS, VIA_X, two_humps
 from results.adaptation.assimilation import Assimilation
-from results.adaptation.protocol import compared
+from results.adaptation.protocol import Extrapolation, compared
 from results.adaptation.shape import distance_from_shapes
 from results.cli import main
+from results.harness.environments import RunTask
 from results.harness.record_files import read_records
 from results.harness.records import (
     ContextRecord,
@@ -155,6 +156,17 @@ def test_figure_5_4_compares_the_farthest_with_the_nearest_via_point() -> None:
                 if r.specification.protocol.number == 3
             ]
         assert held("fig-5.4", {"obstacles": runs}) == expected
+
+
+def test_rl_alone_begins_with_a_flat_line_and_is_compared_with_all_demonstrations() -> None:
+    rl = find_recipe("obstacles").algorithms["RL alone"]
+    run = RunTask("nmp/Obstacles-v0", 0, 1, rl.pretrained, {}, rl.shown_initial)
+    prepared = Extrapolation(1).prepare(run)
+    assert prepared.demonstrations is not None
+    assert prepared.demonstrations.trajectories.shape == (1, 200, 1)
+    assert not prepared.demonstrations.trajectories.any()
+    compared_with: Any = prepared.evaluation
+    np.testing.assert_allclose(compared_with.demonstrations.trajectories, SHOWN, atol=1e-6)
 
 
 # -- assimilation ----------------------------------------------------------------------------------
