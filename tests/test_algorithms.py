@@ -168,7 +168,7 @@ def test_the_saved_model_is_small(algorithm: Algorithm, tmp_path: Path) -> None:
     model = build(algorithm)
     model.learn(4 * POPULATION)
     model.save(tmp_path / "model.zip")
-    assert (tmp_path / "model.zip").stat().st_size < 500_000
+    assert (tmp_path / "model.zip").stat().st_size < 600_000
 
 
 @EVERY

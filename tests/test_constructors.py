@@ -70,10 +70,10 @@ def test_defaults_that_differ_by_algorithm_are_visible() -> None:
     sizes = {a.__name__: parameters(a)["population_size"].default for a in known}
     assert sizes == {
         "RCNMP": 20, "GA": 20, "REPS": 20, "DREPS": 20, "StarkProMPRL": 20, "EwertonProMPRL": 10,
-        "ACNMP": 3, "BO": 3, "CMAES": 5,
+        "ACNMP": 1, "BO": 1, "CMAES": 5,
     }  # fmt: skip
     longest = [parameters(a)["max_generations"].default for a in (ACNMP, BO, StarkProMPRL)]
-    assert longest == [20, 20, 50]
+    assert longest == [60, 60, 50]
     assert parameters(RCNMP)["n_crossover"].default == 16
     assert parameters(GA)["n_crossover"].default == 18
     assert parameters(DREPS)["epsilon"].default == parameters(REPS)["epsilon"].default == 1.5

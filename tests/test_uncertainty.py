@@ -18,8 +18,9 @@ from sb3_nmp import (
 )
 from sb3_nmp.acnmp.exploration import latent_axes
 from sb3_nmp.models import cnmp_training
-from sb3_nmp.models.cnmp import CNMP, ConditionalNeuralProcess
+from sb3_nmp.models.cnmp import CNMP
 from sb3_nmp.models.cnmp_training import PointBatch, PointSampler, negative_log_likelihood
+from sb3_nmp.models.conditional_neural_process import ConditionalNeuralProcess
 from sb3_nmp.models.networks import MemberLinear
 from tests.test_acnmp import SHOWN, Reach, T, expert
 

@@ -48,15 +48,21 @@ class BO(AdaptiveAlgorithm):
         policy: str | type[BOPolicy],
         env: GymEnv | str,
         *,
-        population_size: int = 3,
-        max_generations: int = 20,
+        population_size: int = 1,
+        max_generations: int = 60,
+        n_successes: int = 5,
         exploration: ShapedExploration = ShapedExploration(),  # noqa: B008 (frozen)
         critic: ACNMPCritic = ACNMPCritic(),  # noqa: B008 (frozen)
         **shared: Unpack[AdaptiveArguments],
     ) -> None:
         self.exploration, self.critic = exploration, critic
         super().__init__(
-            policy, env, population_size=population_size, max_generations=max_generations, **shared
+            policy,
+            env,
+            population_size=population_size,
+            max_generations=max_generations,
+            n_successes=n_successes,
+            **shared,
         )
 
     @property

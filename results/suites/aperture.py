@@ -21,6 +21,7 @@ SEARCH: dict[str, object] = {
     # nearer than 0.63 m, and ends with half of that: what is learned is better than what suffices.
     "reward_threshold": (-0.1, -0.05),
     "max_generations": 15,
+    "n_successes": 1,
     "exploration_scale": 0.2,
 }
 OF_TWINS = SEARCH | {"exploration": ShapedExploration.preset("stream")}
@@ -35,6 +36,7 @@ OF_THESIS: dict[str, object] = {
     "n_contexts": 20,
     "reward_threshold": (-60.0, -0.1),
     "max_generations": 1000,
+    "n_successes": 1,
     "learning_rate": 1e-4,
     "exploration_scale": 0.1,
     "exploration": ACNMPExploration(

@@ -8,7 +8,7 @@ from results.harness.suite import Recipe
 from results.suites.aperture import ALGORITHMS as APERTURE_ALGORITHMS
 from results.suites.aperture import RECIPE as APERTURE
 from results.suites.aperture import STREAM
-from sb3_nmp import ACNMPAdaptation, ACNMPExploration, CNMPArchitecture
+from sb3_nmp import ACNMPExploration, CNMPArchitecture
 
 
 def acnmp(**settings: object) -> Algorithm:
@@ -21,9 +21,6 @@ def acnmp(**settings: object) -> Algorithm:
 
 ALGORITHMS = {
     "ACNMP": APERTURE_ALGORITHMS["ACNMP"],
-    "policy gradient too": acnmp(
-        adaptation=replace(ACNMPAdaptation.preset("stream"), n_training_steps=10)
-    ),
     "no threshold": acnmp(reward_threshold=None),
     "one threshold": acnmp(reward_threshold=-0.1),
     "one network": acnmp(

@@ -17,19 +17,12 @@ from results.algorithms import (
 )
 from results.harness.suite import Recipe
 from results.suites.push import RCNMP_FREE
-from sb3_nmp import ACNMPExploration, ShapedExploration
 
-# Grasp, carry and release are apart in time: with fewer bases they move each other.
-OF_ACNMP: dict[str, object] = {
-    "population_size": 1,
-    "exploration": ACNMPExploration(n_bases=8),
-}
-OF_TWINS = OF_ACNMP | {"exploration": ShapedExploration(n_bases=8)}
 ALGORITHMS = {
-    "ACNMP": replace(ACNMP, settings=OF_ACNMP),
-    "ACNMP, sum alone": replace(ACNMP, settings=OF_ACNMP | SUM_ALONE),
-    **twins("nearest", "ridge", "Gaussian process", **OF_TWINS),
-    "twin, ridge, sum alone": twin("ridge", **OF_TWINS, **SUM_ALONE),
+    "ACNMP": ACNMP,
+    "ACNMP, sum alone": replace(ACNMP, settings=SUM_ALONE),
+    **twins("nearest", "ridge", "Gaussian process"),
+    "twin, nearest, sum alone": twin("nearest", **SUM_ALONE),
     "ACNMP (thesis)": thesis_acnmp(),
     "CMA-ES context": replace(
         CMAES, settings={"n_bases": 8, "context_std": 0.3, "population_size": 4}

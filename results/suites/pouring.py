@@ -19,14 +19,11 @@ from results.algorithms import (
 from results.harness.suite import Recipe
 from results.suites.push import RCNMP_FREE
 
-# With a handful of rollouts in all, each one is chosen by all before it, and the Gaussians are
-# fitted to as few as they can be.
-ONE_BY_ONE: dict[str, object] = {"population_size": 1}
 ALGORITHMS = {
-    "ACNMP": replace(ACNMP, settings=ONE_BY_ONE),
-    "ACNMP, sum alone": replace(ACNMP, settings=ONE_BY_ONE | SUM_ALONE),
-    **twins("nearest", "ridge", "Gaussian process", **ONE_BY_ONE),
-    "twin, ridge, sum alone": twin("ridge", **ONE_BY_ONE, **SUM_ALONE),
+    "ACNMP": ACNMP,
+    "ACNMP, sum alone": replace(ACNMP, settings=SUM_ALONE),
+    **twins("nearest", "ridge", "Gaussian process"),
+    "twin, ridge, sum alone": twin("ridge", **SUM_ALONE),
     "ACNMP (thesis)": thesis_acnmp(),
     "CMA-ES context": replace(CMAES, settings={"n_bases": 4, "context_std": 0.3}),
     "ProMP+RL (Stark)": replace(STARK, settings={"population_size": 6}),

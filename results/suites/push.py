@@ -17,17 +17,17 @@ from results.algorithms import (
     twins,
 )
 from results.harness.suite import Recipe
-from sb3_nmp import ACNMPExploration, ShapedExploration
+from sb3_nmp import ACNMPExploration
 
-#: the pushes shown span what is to be found: nearly all of the noise is like them
+#: of the network's own search: nearly all of the noise is like the demonstrations
 EXPLORATION = ACNMPExploration.preset("push")
 #: the PD controller would pull every trajectory to the demonstrations' mean end
 RCNMP_FREE = replace(RCNMP, settings={"pd_controller": None}, pretrained=False)
 CMAES_CONTEXT = replace(CMAES, settings={"n_bases": 4, "context_std": 0.3, "shaped": 0.99})
 ALGORITHMS = {
-    "ACNMP": replace(ACNMP, settings={"exploration": EXPLORATION}),
+    "ACNMP": ACNMP,
     "ACNMP, network drives": replace(ACNMP, settings=NETWORK_DRIVES | {"exploration": EXPLORATION}),
-    **twins(*TWINS, exploration=ShapedExploration.preset("push")),
+    **twins(*TWINS),
     "ACNMP (thesis)": thesis_acnmp(),
     "CMA-ES residual": replace(
         CMAES,

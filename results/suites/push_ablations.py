@@ -7,40 +7,46 @@ from results.harness.specification import Algorithm
 from results.harness.suite import Recipe
 from results.suites.push import ALGORITHMS as PUSH_ALGORITHMS
 from results.suites.push import CHECKPOINTS, EXPLORATION, PROTOCOLS, PUBLISHED, TASKS
-from sb3_nmp import ACNMPAdaptation, ACNMPCritic, CNMPArchitecture, ShapedExploration
+from sb3_nmp import ACNMPAdaptation, ACNMPCritic, ACNMPExploration, CNMPArchitecture
 
 
 def acnmp(**settings: object) -> Algorithm:
-    """Return ACNMP with other settings than the suite push.
+    """Return ACNMP with other settings than its defaults.
 
     :param settings: constructor arguments
     """
-    return replace(ACNMP, settings={"exploration": EXPLORATION, **settings})
+    return replace(ACNMP, settings=settings)
 
 
-# In the last five the network drives the search, as in the thesis.
+def driven(population_size: int = 3, **settings: object) -> Algorithm:
+    """Return ACNMP whose network drives the search, as in the thesis.
+
+    :param population_size: rollouts per generation
+    :param settings: further constructor arguments
+    """
+    chosen = {"exploration": EXPLORATION, "population_size": population_size, **settings}
+    return acnmp(search="policy", **chosen)
+
+
 ALGORITHMS = {
     "ACNMP": PUSH_ALGORITHMS["ACNMP"],
     "one network": acnmp(policy_kwargs={"cnmp": CNMPArchitecture(n_members=1)}),
     "no policy gradient": acnmp(adaptation=ACNMPAdaptation(n_training_steps=0)),
-    "latents too": acnmp(exploration=replace(EXPLORATION, latent=0.5)),
-    "latents only": acnmp(exploration=replace(EXPLORATION, latent=0.5, noise=0.0, n_latents=6)),
-    "contexts too": acnmp(exploration=replace(EXPLORATION, context=0.5)),
-    "noise not shaped": acnmp(exploration=replace(EXPLORATION, shaped=0.0)),
-    "noise half shaped": acnmp(exploration=replace(EXPLORATION, shaped=0.5)),
+    "latents too": acnmp(exploration=ACNMPExploration(latent=0.5)),
+    "latents only": acnmp(exploration=ACNMPExploration(latent=0.5, noise=0.0, n_latents=6)),
+    "contexts too": acnmp(exploration=ACNMPExploration(context=0.5)),
+    "noise not shaped": acnmp(exploration=ACNMPExploration(shaped=0.0)),
+    "noise all shaped": acnmp(exploration=ACNMPExploration(shaped=0.99)),
     "no pull": acnmp(critic=ACNMPCritic(pull=0.0)),
-    **twins(*TWINS, exploration=ShapedExploration.preset("push")),
+    **twins(*TWINS),
     "thesis's decoder": acnmp(
         policy_kwargs={"cnmp": CNMPArchitecture(context_in_decoder=True, linear_trend=False)}
     ),
     "ACNMP, network drives": PUSH_ALGORITHMS["ACNMP, network drives"],
-    "policy gradient, to go": acnmp(search="policy", adaptation=ACNMPAdaptation.preset("to_go")),
-    "policy gradient, steps": acnmp(search="policy", adaptation=ACNMPAdaptation.preset("step")),
-    "policy gradient, pairs": acnmp(
-        search="policy", adaptation=ACNMPAdaptation.preset("step"), population_size=2
-    ),
-    "RL only": acnmp(
-        search="policy",
+    "policy gradient, to go": driven(adaptation=ACNMPAdaptation.preset("to_go")),
+    "policy gradient, steps": driven(adaptation=ACNMPAdaptation.preset("step")),
+    "policy gradient, pairs": driven(2, adaptation=ACNMPAdaptation.preset("step")),
+    "RL only": driven(
         adaptation=replace(ACNMPAdaptation.preset("to_go"), supervised=False),
         exploration=replace(EXPLORATION, shaped=0.0),
     ),

@@ -71,8 +71,8 @@ class ACNMP(AdaptiveAlgorithm):
         ``"policy"``, the network: draws around its answer. There 5 rollouts per generation are good
     :param exploration: directions and scales of exploration
     :param critic: settings of the critic; without effect on ``search="policy"``
-    :param adaptation: how the network is trained after a generation; beside a critic only after
-        one with a new best rollout
+    :param adaptation: how the network is trained after a generation; beside a critic by policy
+        gradient only in a pinned context, after a generation with a new best rollout
     :param pretraining: length and batches of the training on demonstrations
     """
 
@@ -86,8 +86,9 @@ class ACNMP(AdaptiveAlgorithm):
         env: GymEnv | str,
         *,
         learning_rate: float | Schedule = 1e-3,
-        population_size: int = 3,
-        max_generations: int = 20,
+        population_size: int = 1,
+        max_generations: int = 60,
+        n_successes: int = 5,
         search: SearchKind = "critic",
         exploration: ACNMPExploration = ACNMPExploration(),  # noqa: B008 (frozen)
         critic: ACNMPCritic = ACNMPCritic(),  # noqa: B008 (frozen)
@@ -105,6 +106,7 @@ class ACNMP(AdaptiveAlgorithm):
             learning_rate=learning_rate,
             population_size=population_size,
             max_generations=max_generations,
+            n_successes=n_successes,
             **shared,
         )
 
@@ -196,12 +198,21 @@ class ACNMP(AdaptiveAlgorithm):
     def _new_search(self, context: NDArray[np.float32]) -> CriticSearch | PolicySearch:
         cnmp = self.policy.cnmp
         row = context.astype(np.float64)
-        shown = cast(Demonstrations, self.demonstrations)
+        shown = self._shown_like(row)
         along = directions(self.exploration, self.first_scale(), cnmp, shown, row)
         space = Subspace(cnmp.trajectories(row[None])[0], along)
         if self.search == "policy":
             return PolicySearch(space, self.exploration)
         return CriticSearch(space, self.exploration.radius, self.critic)
+
+    def _shown_like(self, context: NDArray[np.float64]) -> Demonstrations:
+        """Return the demonstrations of the mode in which the network answers a context (C,)."""
+        cnmp, shown = self.policy.cnmp, cast(Demonstrations, self.demonstrations)
+        if cnmp.gate is None:
+            return shown
+        mode = cnmp.gate(cnmp.normalise_contexts(cnmp.times.new_tensor(context)[None]))
+        same = (cnmp.nearest_modes(shown) == mode).cpu().numpy()
+        return shown[same] if same.any() else shown
 
     # -- simultaneous training (VII, VIII) -----------------------------------------------------
 
@@ -234,19 +245,25 @@ class ACNMP(AdaptiveAlgorithm):
     def _teaches(self, searched: ContextSearch) -> bool:
         """Return whether the network learns from a search's last generation.
 
-        A network that drives the search always does. Beside a critic it does where there is a new
-        best rollout: else what it learns by place would be as before.
+        A network that drives the search always does. Beside a critic it does in a pinned context,
+        where there is a new best rollout: else what it learns by place would be as before. Among
+        drawn contexts it learns from what solved them, for the best of bad rollouts in a few
+        contexts would move its answers in all others.
         """
         search = searched.search
-        return isinstance(search, PolicySearch) or cast(CriticSearch, search).has_improved
+        if isinstance(search, PolicySearch):
+            return True
+        return self._pinned and cast(CriticSearch, search).has_improved
 
     def _sampler(self) -> PointSampler:
         cnmp, known = self.policy.cnmp, self.training_set()
+        modes = cnmp.nearest_modes(known)
+        cnmp.teach_gate(known, modes)
         return PointSampler(
             self.pretraining,
             cnmp.times,
             cnmp.normalise(cnmp.times.new_tensor(known.trajectories)),
-            cnmp.condition(cnmp.times.new_tensor(known.contexts)),
+            cnmp.condition(cnmp.times.new_tensor(known.contexts), modes),
             self.rng,
             cnmp.network.n_members,
         )

@@ -46,7 +46,7 @@ def directions(
         along = effects_of_latents(cnmp, condition, SMALL * axes)
         found.append(settings.latent * along / max(deviation(along[:1], sigma)[0], 1e-12))
     if settings.context:
-        along = effects_of_contexts(cnmp, condition)
+        along = effects_of_contexts(cnmp, condition, len(context))
         found.append(settings.context * along / deviation(along, sigma)[:, None, None])
     if settings.noise:
         found.append(shaped_directions(settings, scale, demonstrations))
@@ -80,13 +80,14 @@ def effects_of_latents(cnmp: CNMP, condition: th.Tensor, steps: th.Tensor) -> Fl
     return (change / 2).cpu().numpy().astype(np.float64)
 
 
-def effects_of_contexts(cnmp: CNMP, condition: th.Tensor) -> FloatArray:
+def effects_of_contexts(cnmp: CNMP, condition: th.Tensor, context_dim: int) -> FloatArray:
     """Return how trajectories change with the context that is asked for, shape (C, T, D).
 
     :param cnmp: the network
-    :param condition: of the context, shape (1, C)
+    :param condition: of the context, shape (1, K)
+    :param context_dim: C; these come first, then the mode
     """
-    step = SMALL * th.eye(condition.shape[1], device=condition.device)
+    step = SMALL * th.eye(context_dim, condition.shape[1], device=condition.device)
     ahead, back = condition + step, condition - step
     change = cnmp.mean(ahead, cnmp.representation(ahead)) - cnmp.mean(
         back, cnmp.representation(back)

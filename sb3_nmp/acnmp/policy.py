@@ -6,7 +6,7 @@ from typing import Any, cast
 import numpy as np
 import torch as th
 from gymnasium import spaces
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.type_aliases import Schedule
 
 from sb3_nmp.acnmp.distribution import TrajectoryDistribution
@@ -64,6 +64,25 @@ class ACNMPPolicy(ElitePolicy):
         condition = self.cnmp.condition(contexts)
         return self._decode(condition, self.cnmp.representation(condition), deterministic)
 
+    def modes(
+        self, contexts: NDArray[np.floating]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the network's answer in each mode (N, K, T, D), and log p(k | c), shape (N, K).
+
+        K is the number of modes that the demonstrations have, at most ``n_modes`` of
+        `CNMPArchitecture`. `predict` answers with the likeliest.
+
+        :param contexts: shape (N, C)
+        :raises ConfigurationError: no modes were looked for
+        """
+        cnmp, gate = self.cnmp, self.cnmp.gate
+        if gate is None:
+            return super().modes(contexts)
+        asked = cnmp.times.new_tensor(np.asarray(contexts))
+        answers = self._allowed(cnmp.each_mode(asked)[:, gate.is_taken])
+        likely = gate.log_shares(cnmp.normalise_contexts(asked))[:, gate.is_taken]
+        return answers.cpu().numpy().astype(np.float64), likely.cpu().numpy().astype(np.float64)
+
     def through(
         self, contexts: th.Tensor, points: tuple[ArrayLike, ArrayLike], deterministic: bool
     ) -> th.Tensor:
@@ -79,7 +98,7 @@ class ACNMPPolicy(ElitePolicy):
             action space, or that contradict each other
         """
         passing = self._checked(points)
-        condition = self.cnmp.condition(contexts)
+        condition = self.cnmp.condition_near(contexts, passing.points)
         representation = self.cnmp.representation(condition, passing.points)
         allowed = self._allowed(
             passing.moved(self._decode(condition, representation, deterministic))
@@ -97,9 +116,9 @@ class ACNMPPolicy(ElitePolicy):
         :raises InvalidDataError: as `through` does
         """
         cnmp = self.cnmp
-        condition = cnmp.condition(contexts)
         passing = None if points is None else self._checked(points)
         shown = None if passing is None else passing.points
+        condition = cnmp.condition_near(contexts, shown)
         representation = cnmp.representation(condition, shown)
         split = cnmp.network.split(representation)
         members = cnmp.network.decode_members(cnmp.times, split, condition)

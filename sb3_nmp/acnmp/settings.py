@@ -72,7 +72,7 @@ class ACNMPExploration(ShapedExploration):
 class ACNMPAdaptation(Presets):
     """How ACNMP's network goes on learning after each generation of a search.
 
-    Presets: ``"stream"`` learns from solutions alone, in longer training; ``"to_go"`` and
+    Presets: ``"stream"`` learns longer from solutions, and from them alone; ``"to_go"`` and
     ``"step"`` have these advantages, in short training: what is pushed away from a bad rollout has
     no bound, so more of it leaves all that was learned.
 

@@ -149,7 +149,7 @@ class GaussianProcess:
         :param point: shape (n,)
         """
         row = self.whitening @ self._correlation(self.points, point[None])[:, 0]
-        last = np.sqrt(1.0 + self.noise - row @ row)
+        last = np.sqrt(max(1.0 + self.noise - row @ row, self.noise))
         n = len(self.points)
         whitening = np.zeros((n + 1, n + 1))
         whitening[:n, :n] = self.whitening

@@ -110,6 +110,8 @@ class CriticSearch:
     :param points: coordinates of the rollouts so far, shape (N, n)
     :param rollouts: what is known of them, oldest generation first
     :param has_improved: whether the last generation has a new best rollout
+    :param has_succeeded: whether any rollout has; until then a region that has shrunk begins anew,
+        for a rollout can be the best around and yet touch what it must not
     """
 
     space: Subspace
@@ -118,6 +120,7 @@ class CriticSearch:
     points: FloatArray = field(init=False)
     rollouts: list[Generation] = field(default_factory=list)
     has_improved: bool = False
+    has_succeeded: bool = False
 
     def __post_init__(self) -> None:
         """Start without rollouts."""
@@ -198,8 +201,11 @@ class CriticSearch:
         self.points = np.concatenate([self.points, self.space.coordinates(rollouts.trajectories)])
         self.rollouts.append(rollouts)
         self.has_improved = bool(rollouts.rewards.max() > before.max(initial=-np.inf))
+        self.has_succeeded = self.has_succeeded or bool(rollouts.successes.any())
         if len(before) > 1:
             self.region.update(self.has_improved)
+        if not self.has_succeeded and self.region.radius < self.settings.restart_radius:
+            self.region.radius = self.radius
 
 
 def best_and_newest(rewards: FloatArray, n: int) -> NDArray[np.intp]:

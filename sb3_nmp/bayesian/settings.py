@@ -12,8 +12,8 @@ from sb3_nmp.common.settings import Presets, Rules, check_rules, settings_name
 class ShapedExploration(Presets):
     """Smooth noise that is shaped like the demonstrations, in units of ``exploration_scale``.
 
-    Presets: ``"push"`` for demonstrations that span what is to be found, ``"stream"`` for streams
-    of contexts.
+    The defaults serve pushing, pick-and-place, pouring and bottles alike. Presets: ``"push"`` for
+    demonstrations that span all that is to be found, ``"stream"`` for streams of apertures.
 
     >>> from sb3_nmp import ShapedExploration
     >>> ShapedExploration.preset("push").shaped
@@ -30,13 +30,13 @@ class ShapedExploration(Presets):
     """
 
     noise: float = 1.0
-    n_bases: int = 4
-    shaped: float = 0.5
+    n_bases: int = 8
+    shaped: float = 0.8
     radius: float = 0.7
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "push": {"shaped": 0.99},
-        "stream": {"n_bases": 6},
+        "push": {"n_bases": 4, "shaped": 0.99},
+        "stream": {"n_bases": 6, "shaped": 0.5},
     }
 
     def __post_init__(self) -> None:
@@ -68,6 +68,8 @@ class ACNMPCritic:
         the exploration. It begins at the exploration's radius
     :param growth: factor on the radius after a generation with a new best rollout
     :param shrinkage: factor on the radius after any other generation
+    :param restart_radius: where nothing has succeeded yet, a smaller radius begins anew at the
+        exploration's, as TuRBO restarts; 0 never does
     :param lengths: length scales of the Gaussian process to choose from by evidence, in units of
         the typical distance of two draws from the exploration. Over the longest it is as good as
         quadratic
@@ -91,6 +93,7 @@ class ACNMPCritic:
     radius_limits: tuple[float, float] = (0.02, 1.5)
     growth: float = 1.25
     shrinkage: float = 0.75
+    restart_radius: float = 0.2
     lengths: tuple[float, ...] = (0.4, 0.6, 0.9, 1.3, 2.0, 3.0, 5.0, 8.0)
     noises: tuple[float, ...] = (1e-4, 1e-2, 1e-1)
     n_moments: int = 9
@@ -111,6 +114,7 @@ class ACNMPCritic:
             "radius_limits": (0 < low <= high, "(low, high) with 0 < low <= high"),
             "growth": (self.growth >= 1, ">= 1"),
             "shrinkage": (0 < self.shrinkage <= 1, "in (0, 1]"),
+            "restart_radius": (self.restart_radius >= 0, ">= 0"),
             "lengths": (min(self.lengths, default=0) > 0, "at least one value, all > 0"),
             "noises": (min(self.noises, default=0) > 0, "at least one value, all > 0"),
             "n_remembered": (self.n_remembered >= 2, ">= 2"),

@@ -42,6 +42,9 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
     ``max_generations``; the best successful rollout is assimilated. What is satisfactory is a
     success, and a reward where ``reward_threshold`` asks for one.
 
+    Solutions that barely succeed teach a policy that often fails. Two settings leave it a margin:
+    ``n_successes`` and ``reward_threshold``.
+
     An algorithm that learns from the demonstrations again and again (``rehearses``) needs them to
     go on after loading: ``load(path, env=env, demonstrations=demonstrations)``. What was
     assimilated is the ``replay_buffer``, which `save_replay_buffer` writes apart.
@@ -53,8 +56,10 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
     :param n_contexts: new contexts that are tried at once; None: ``population_size``
     :param reward_threshold: a rollout is satisfactory if it succeeds with at least this reward;
         None asks for success alone. Two values: a greedy rollout below the first one begins a
-        search, a rollout of at least the second one ends it. Solutions that barely succeed teach a
-        policy that often fails: a threshold leaves it a margin
+        search, a rollout of at least the second one ends it
+    :param n_successes: a search among drawn contexts goes on until so many rollouts are
+        satisfactory, and the mean of the best so many is assimilated; 1 assimilates the best one,
+        as in a pinned context
     """
 
     needs_demonstrations: ClassVar[bool] = True
@@ -70,6 +75,7 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
         max_generations: int,
         learning_rate: float | Schedule = 0.0,
         n_contexts: int | None = None,
+        n_successes: int = 1,
         reward_threshold: float | tuple[float, float] | None = None,
         **shared: Unpack[SharedArguments],
     ) -> None:
@@ -77,6 +83,7 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
         self.demonstrations_digest = None if shown is None else shown.digest
         self.n_contexts = population_size if n_contexts is None else n_contexts
         self.reward_threshold, self.max_generations = reward_threshold, max_generations
+        self.n_successes = n_successes
         self.searches: list[ContextSearch] = []
         self.n_given_up, self._pinned = 0, False
         self._proposals: Proposals | None = None
@@ -113,6 +120,7 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
         begin, end = thresholds(self.reward_threshold)
         return {
             "max_generations": (self.max_generations >= 1, ">= 1"),
+            "n_successes": (self.n_successes >= 1, ">= 1"),
             "reward_threshold": (
                 begin <= end,
                 "one value, or (begin, end) with begin <= end: a search that begins below "
@@ -237,7 +245,8 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
         least_reward = thresholds(self.reward_threshold)[0]
         satisfactory = tried.successes & (tried.rewards >= least_reward)
         for row in np.flatnonzero(~satisfactory):
-            each = ContextSearch(tried.contexts[row], self._new_search(tried.contexts[row]))
+            context = tried.contexts[row]
+            each = ContextSearch(context, self._new_search(context), self.n_successes)
             each.take(tried[row : row + 1])
             self.searches.append(each)
         self.logger.record("train/failure_rate", float(np.mean(~tried.successes)))

@@ -3,7 +3,7 @@
 Shape letters: n trajectories, T time points, D dimensions, C context.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -34,39 +34,54 @@ class ContextSearch:
 
     :param context: shape (C,)
     :param search: the search in it
+    :param n_kept: the solution is the mean of so many successes, the best ones
     :param n_generations: searched so far
-    :param solution: the best successful trajectory, shape (T, D); None before there is one
-    :param reward: of the solution
+    :param successes: the best successful trajectories, best first, each of shape (T, D)
+    :param rewards: theirs
     """
 
     context: NDArray[np.float32]
     search: Search
+    n_kept: int = 1
     n_generations: int = 0
-    solution: NDArray[np.float32] | None = None
-    reward: float = -np.inf
+    successes: list[NDArray[np.float32]] = field(default_factory=list)
+    rewards: list[float] = field(default_factory=list)
 
     def take(self, rollouts: Generation) -> bool:
-        """Tell the search about rollouts, and keep the best successful one.
+        """Tell the search about rollouts, and keep the best successful ones.
 
         :param rollouts: made in this context
-        :return: whether one of them is a better solution than the one before
+        :return: whether one of them is better than all before
         """
         self.search.tell(rollouts)
-        rewards = np.where(rollouts.successes, rollouts.rewards, -np.inf)
-        best = int(rewards.argmax())
-        if not rewards[best] > self.reward:
-            return False
-        self.solution, self.reward = rollouts.trajectories[best], float(rewards[best])
-        return True
+        before = self.reward
+        rows = np.flatnonzero(rollouts.successes)
+        known = [*zip(self.rewards, self.successes, strict=True)]
+        known += [(float(rollouts.rewards[row]), rollouts.trajectories[row]) for row in rows]
+        kept = sorted(known, key=lambda each: -each[0])[: self.n_kept]
+        self.rewards, self.successes = [r for r, _ in kept], [t for _, t in kept]
+        return self.reward > before
+
+    @property
+    def reward(self) -> float:
+        """Of the best successful rollout; -inf before there is one."""
+        return max(self.rewards, default=-np.inf)
+
+    @property
+    def solution(self) -> NDArray[np.float32] | None:
+        """The mean of the successes that were kept, shape (T, D); None before there is one."""
+        if not self.successes:
+            return None
+        return np.mean(self.successes, axis=0).astype(np.float32)
 
     def is_over(self, least_reward: float, max_generations: int) -> bool:
         """Tell whether a search among drawn contexts ends.
 
-        :param least_reward: of the solution
+        :param least_reward: of all successes that make up the solution
         :param max_generations: after so many it ends without one
         """
-        solved = self.solution is not None and self.reward >= least_reward
-        return solved or self.n_generations >= max_generations
+        enough = sum(reward >= least_reward for reward in self.rewards) == self.n_kept
+        return enough or self.n_generations >= max_generations
 
 
 @saved_state("proposals")

@@ -34,7 +34,10 @@ class CNMPArchitecture(Presets):
     :param activation_fn: between the layers
     :param n_members: of an ensemble of such networks, each with its own first weights and batches:
         it answers with their mean, and their spread tells what the demonstrations leave open
-    :raises ConfigurationError: ``n_members`` is no whole number >= 1
+    :param n_modes: the most ways to do the task that are told apart among the demonstrations, by a
+        categorical latent (chapter 7 names it as future work). 1 takes all for one way: two ways,
+        such as left and right of an obstacle, are averaged
+    :raises ConfigurationError: ``n_members`` or ``n_modes`` is no whole number >= 1
     """
 
     representation_dim: int = 16
@@ -47,12 +50,13 @@ class CNMPArchitecture(Presets):
     min_std: float = 0.02
     activation_fn: type[nn.Module] = nn.ReLU
     n_members: int = 5
+    n_modes: int = 1
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"stream": {"context_in_decoder": True}}
 
     def __post_init__(self) -> None:
-        """Check the number of members."""
-        if int(self.n_members) != self.n_members or self.n_members < 1:
-            raise ConfigurationError(
-                f"n_members is {self.n_members}; it must be a whole number >= 1."
-            )
+        """Check the numbers of members and of modes."""
+        for name in ("n_members", "n_modes"):
+            value = getattr(self, name)
+            if int(value) != value or value < 1:
+                raise ConfigurationError(f"{name} is {value}; it must be a whole number >= 1.")

@@ -1,18 +1,20 @@
 """`CNMP`: conditional neural movement primitives (thesis 4.3).
 
 Shape letters: N demonstrations, B batch, T time points, D dimensions of the trajectory, C context,
-K condition, O conditioning points, Z representation, E members.
+K condition (the context and, where modes are told apart, the mode), O conditioning points, Z
+representation, E members.
 """
 
 import numpy as np
 import torch as th
 from numpy.typing import ArrayLike, NDArray
 from torch import nn
-from torch.distributions import Normal
 
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.models.architecture import CNMPArchitecture
-from sb3_nmp.models.networks import LinearPlus, TimeFeatures, TrajectoryDecoder, mlp
+from sb3_nmp.models.conditional_neural_process import ConditionalNeuralProcess
+from sb3_nmp.models.mode_gate import ModeGate
+from sb3_nmp.models.modes import sort_into_modes
 from sb3_nmp.models.via_points import (
     N_SHAPES,
     Conditioning,
@@ -22,125 +24,8 @@ from sb3_nmp.models.via_points import (
     principal_deviations,
 )
 
-
-class ConditionalNeuralProcess(nn.Module):
-    """Encoder from conditioning points to a representation, decoder from it to a Gaussian.
-
-    After Garnelo et al., "Conditional neural processes", 2018; thesis 4.1 and 4.3, Fig. 4.1 and
-    4.3. The points' representations, each encoded together with the task parameters, are averaged.
-    Without a conditioning point, the representation comes from the task parameters alone, by a
-    network of its own. The thesis gives the task parameters to the decoder too. By default, here
-    they reach it through the representation alone, which therefore has to hold all that tells
-    trajectories apart: moving in it moves between demonstrated skills.
-
-    :param value_dim: D
-    :param condition_dim: K, the task parameters
-    :param architecture: sizes and kinds of its layers
-    """
-
-    def __init__(self, value_dim: int, condition_dim: int, architecture: CNMPArchitecture) -> None:
-        super().__init__()
-        a, code, n = architecture, architecture.representation_dim, architecture.n_members
-        self.representation_dim, self.min_std, self.n_members = code, a.min_std, n
-        self.condition_in_decoder = a.context_in_decoder
-        self.features = TimeFeatures(a.n_frequencies)
-        encoder_inputs = self.features.n_features + value_dim + condition_dim
-        self.encoder = mlp([encoder_inputs, *a.encoder_arch, code], a.activation_fn, n)
-        self.from_condition = LinearPlus([condition_dim, *a.context_arch, code], a.activation_fn, n)
-        self.decoder = TrajectoryDecoder(
-            a.n_frequencies,
-            code + (condition_dim if a.context_in_decoder else 0),
-            list(a.decoder_arch),
-            2 * value_dim,
-            a.activation_fn,
-            value_dim if a.linear_trend else 0,
-            n,
-        )
-
-    def encode(
-        self, times: th.Tensor, values: th.Tensor, condition: th.Tensor, seen: th.Tensor
-    ) -> th.Tensor:
-        """Return the representation r, shape (B, E * Z): each member's, side by side.
-
-        :param times: of the conditioning points, shape (B, O)
-        :param values: at those times, shape (B, O, D)
-        :param condition: shape (B, K)
-        :param seen: 1 for the points that count and 0 for the others, shape (B, O)
-        """
-        return self._joined(self.encode_members(times, values, condition, seen))
-
-    def encode_condition(self, condition: th.Tensor) -> th.Tensor:
-        """Return the representation without conditioning points, shape (B, E * Z).
-
-        :param condition: shape (B, K)
-        """
-        return self._joined(self.from_condition(self._for_each(condition, 2)))
-
-    def decode(self, times: th.Tensor, representation: th.Tensor, condition: th.Tensor) -> Normal:
-        """Return p(x_t | r, t) at every target time, batch shape (B, T, D).
-
-        Of an ensemble, it has the mean of the members' means and of their variances.
-
-        :param times: target times, shape (T,) or (B, T)
-        :param representation: r, shape (B, E * Z)
-        :param condition: shape (B, K); without effect unless ``condition_in_decoder``
-        """
-        found = self.decode_members(times, self.split(representation), condition)
-        if self.n_members == 1:
-            return found
-        std = found.variance.mean(dim=0).sqrt()
-        return Normal(found.mean.mean(dim=0), std, validate_args=False)
-
-    def encode_members(
-        self, times: th.Tensor, values: th.Tensor, condition: th.Tensor, seen: th.Tensor
-    ) -> th.Tensor:
-        """Return each member's representation, shape (E, B, Z), or (B, Z) of a single one.
-
-        It is the mean over the points that are seen; where none is seen, the condition's. All
-        arguments are as in `encode`, or begin with E to give each member its own.
-        """
-        times, condition = self._for_each(times, 2), self._for_each(condition, 2)
-        values, seen = self._for_each(values, 3), self._for_each(seen, 2)
-        repeated = condition[..., None, :].expand(*times.shape, -1)
-        points = self.encoder(th.cat([self.features(times), values, repeated], dim=-1))
-        n_seen = seen.sum(dim=-1, keepdim=True)
-        mean = (points * seen[..., None]).sum(dim=-2) / n_seen.clamp(min=1.0)
-        return th.where(n_seen > 0, mean, self.from_condition(condition))
-
-    def decode_members(
-        self, times: th.Tensor, representation: th.Tensor, condition: th.Tensor
-    ) -> Normal:
-        """Return each member's Gaussian, batch shape (E, B, T, D), or (B, T, D) of a single one.
-
-        :param times: as in `decode`, or each member's own, shape (E, B, T)
-        :param representation: shape (E, B, Z), or (B, Z) of a single one
-        :param condition: as in `decode`, or each member's own, shape (E, B, K)
-        """
-        if self.n_members > 1:
-            times = self._for_each(th.atleast_2d(times), 2)
-        constant = representation
-        if self.condition_in_decoder:
-            constant = th.cat([representation, self._for_each(condition, 2)], dim=-1)
-        mean, raw = self.decoder(times, constant).chunk(2, dim=-1)
-        return Normal(mean, nn.functional.softplus(raw) + self.min_std, validate_args=False)
-
-    def split(self, representation: th.Tensor) -> th.Tensor:
-        """Return the members' representations, shape (E, B, Z), or (B, Z) of a single one.
-
-        :param representation: shape (B, E * Z)
-        """
-        if self.n_members == 1:
-            return representation
-        return representation.unflatten(1, (self.n_members, -1)).movedim(1, 0)
-
-    def _joined(self, members: th.Tensor) -> th.Tensor:
-        return members if self.n_members == 1 else members.movedim(0, 1).flatten(1)
-
-    def _for_each(self, given: th.Tensor, n_axes: int) -> th.Tensor:
-        """Return what all members are given, or each is given, with E in front."""
-        if self.n_members == 1 or given.ndim > n_axes:
-            return given
-        return given.expand(self.n_members, *given.shape)
+#: at which the shapes of demonstrations are compared to tell their modes apart
+N_MOMENTS = 8
 
 
 class CNMP(nn.Module):
@@ -176,7 +61,10 @@ class CNMP(nn.Module):
         super().__init__()
         architecture = architecture or CNMPArchitecture()
         n_time_points, n_dimensions = trajectory_shape
-        self.network = ConditionalNeuralProcess(n_dimensions, context_dim, architecture)
+        n_modes = architecture.n_modes
+        self.gate = ModeGate(context_dim, n_modes) if n_modes > 1 else None
+        condition_dim = context_dim + (n_modes if n_modes > 1 else 0)
+        self.network = ConditionalNeuralProcess(n_dimensions, condition_dim, architecture)
         self.register_buffer("times", th.linspace(0.0, 1.0, n_time_points))
         self.register_buffer("context_mean", th.zeros(context_dim))
         self.register_buffer("context_std", th.ones(context_dim))
@@ -204,10 +92,91 @@ class CNMP(nn.Module):
         found = principal_deviations(demonstrations.trajectories)
         self.deviations.copy_(th.as_tensor(found))
 
-    def condition(self, contexts: th.Tensor) -> th.Tensor:
-        """Return contexts as the network sees them, shape (B, C).
+    def condition(self, contexts: th.Tensor, modes: th.Tensor | None = None) -> th.Tensor:
+        """Return what the network is conditioned on, shape (B, K): contexts, then the mode.
+
+        Contexts have a standard deviation of 1. The mode is one-hot; without a gate there is none.
 
         :param contexts: shape (B, C)
+        :param modes: shape (B,); by default the gate's choice
+        """
+        seen = self.normalise_contexts(contexts)
+        if self.gate is None:
+            return seen
+        chosen = self.gate(seen) if modes is None else modes
+        return th.cat([seen, nn.functional.one_hot(chosen, self.gate.n_modes).to(seen)], dim=1)
+
+    def condition_near(self, contexts: th.Tensor, points: Points | None) -> th.Tensor:
+        """Return the condition in the mode whose answer is nearest to via-points, shape (B, K).
+
+        :param contexts: shape (B, C)
+        :param points: None leaves the mode to the gate
+        """
+        if self.gate is None or points is None:
+            return self.condition(contexts)
+        passed = points.at(len(self.times)).to(self.times) @ self.each_mode(contexts)
+        misses = self.normalise(passed) - self.normalise(points.values)
+        return self.condition(contexts, self._nearest(misses))
+
+    @th.no_grad()
+    def each_mode(self, contexts: th.Tensor) -> th.Tensor:
+        """Return the answer of every mode, shape (B, modes, T, D); a single one without a gate.
+
+        :param contexts: shape (B, C)
+        """
+        n_modes = 1 if self.gate is None else self.gate.n_modes
+        modes = th.arange(n_modes, device=contexts.device).repeat(len(contexts))
+        condition = self.condition(contexts.repeat_interleave(n_modes, dim=0), modes)
+        answers = self.mean(condition, self.representation(condition))
+        return answers.unflatten(0, (len(contexts), n_modes))
+
+    def find_modes(self, demonstrations: Demonstrations) -> th.Tensor:
+        """Tell the modes of demonstrations apart (`sort_into_modes`), shape (N,).
+
+        :param demonstrations: N of them, whose scale is known (`set_scale`)
+        """
+        contexts, values = self._normalised(demonstrations)
+        if self.gate is None:
+            return th.zeros(len(values), dtype=th.long, device=values.device)
+        at = th.linspace(0, len(self.times) - 1, N_MOMENTS).round().long()
+        shapes = values[:, at].flatten(1).cpu().numpy().astype(np.float64)
+        found = sort_into_modes(contexts.cpu().numpy(), shapes, self.gate.n_modes)
+        return th.as_tensor(found, device=values.device)
+
+    def nearest_modes(self, demonstrations: Demonstrations) -> th.Tensor:
+        """Return for each demonstration the mode whose answer is nearest to it, shape (N,).
+
+        :param demonstrations: N of them
+        """
+        answers = self.each_mode(self.times.new_tensor(demonstrations.contexts))
+        return self._nearest(self.normalise(answers) - self._normalised(demonstrations)[1][:, None])
+
+    def _nearest(self, misses: th.Tensor) -> th.Tensor:
+        """Return the modes with the least squared misses, given as (B, modes, *, D)."""
+        squares = misses.square().mean(dim=(2, 3))
+        if self.gate is not None:
+            squares = squares.masked_fill(~self.gate.is_taken, th.inf)
+        return squares.argmin(dim=1)
+
+    def teach_gate(self, demonstrations: Demonstrations, modes: th.Tensor) -> None:
+        """Teach the gate in which contexts which mode was taken.
+
+        :param demonstrations: N of them
+        :param modes: shape (N,)
+        """
+        if self.gate is not None:
+            self.gate.learn(self._normalised(demonstrations)[0], modes.cpu().numpy())
+
+    def _normalised(self, demonstrations: Demonstrations) -> tuple[th.Tensor, th.Tensor]:
+        """Return contexts (N, C) and trajectories (N, T, D) as the network sees them."""
+        contexts = self.times.new_tensor(demonstrations.contexts)
+        values = self.times.new_tensor(demonstrations.trajectories)
+        return self.normalise_contexts(contexts), self.normalise(values)
+
+    def normalise_contexts(self, contexts: th.Tensor) -> th.Tensor:
+        """Return contexts with a standard deviation of 1.
+
+        :param contexts: shape (*, C)
         """
         return (contexts.to(self.times.dtype) - self.context_mean) / self.context_std
 
@@ -241,10 +210,11 @@ class CNMP(nn.Module):
         :param demonstrations: contexts and trajectories
         """
         shape = (len(demonstrations), len(self.times))
+        contexts = self.times.new_tensor(demonstrations.contexts)
         return self.network.encode(
             self.times.expand(shape),
-            self.normalise(self.times.new_tensor(demonstrations.trajectories)),
-            self.condition(self.times.new_tensor(demonstrations.contexts)),
+            self._normalised(demonstrations)[1],
+            self.condition(contexts, self.nearest_modes(demonstrations)),
             self.times.new_ones(shape),
         )
 
@@ -269,11 +239,13 @@ class CNMP(nn.Module):
         :raises InvalidDataError: points of a wrong shape, times outside [0, 1], or points that
             contradict each other
         """
-        condition = self.condition(self.times.new_tensor(np.asarray(contexts)))
+        asked = self.times.new_tensor(np.asarray(contexts))
         if points is None:
+            condition = self.condition(asked)
             decoded = self.mean(condition, self.representation(condition))
         else:
             passing = self.through(points)
+            condition = self.condition_near(asked, passing.points)
             representation = self.representation(condition, passing.points)
             decoded = passing.moved(self.mean(condition, representation))
         return decoded.cpu().numpy().astype(np.float64)

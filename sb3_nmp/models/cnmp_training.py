@@ -16,7 +16,8 @@ from stable_baselines3.common.utils import update_learning_rate
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.settings import Presets, settings_name
-from sb3_nmp.models.cnmp import CNMP, ConditionalNeuralProcess
+from sb3_nmp.models.cnmp import CNMP
+from sb3_nmp.models.conditional_neural_process import ConditionalNeuralProcess
 
 #: batches drawn at once
 CHUNK = 100
@@ -201,6 +202,8 @@ def pretrain(
     """
     cnmp = cnmp or CNMP(demonstrations.context_dim, demonstrations.trajectory_shape)
     cnmp.set_scale(demonstrations)
+    modes = cnmp.find_modes(demonstrations)
+    cnmp.teach_gate(demonstrations, modes)
     optimizer = th.optim.AdamW(
         cnmp.parameters(), settings.learning_rate, weight_decay=settings.weight_decay, fused=True
     )
@@ -208,7 +211,7 @@ def pretrain(
         settings,
         cnmp.times,
         cnmp.normalise(cnmp.times.new_tensor(demonstrations.trajectories)),
-        cnmp.condition(cnmp.times.new_tensor(demonstrations.contexts)),
+        cnmp.condition(cnmp.times.new_tensor(demonstrations.contexts), modes),
         rng,
         cnmp.network.n_members,
     )
