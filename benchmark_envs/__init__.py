@@ -31,16 +31,32 @@ from benchmark_envs.tasks import (
     ViaPointsTask,
 )
 from benchmark_envs.trajectory_env import TrajectoryEnv
-from benchmark_envs.wrappers import MovementPrimitive, MovementPrimitiveWrapper
+from benchmark_envs.wrappers import (
+    ActionController,
+    ContextSource,
+    Controller,
+    FetchExpert,
+    FunctionController,
+    MovementPrimitive,
+    MovementPrimitiveWrapper,
+    PositionController,
+    TrajectoryActionWrapper,
+    fetch_env,
+)
 
 if TYPE_CHECKING:
     from benchmark_envs.trajectory_vec_env import TrajectoryVecEnv
 
 __all__ = [
+    "ActionController",
     "ApertureTask",
     "BatchExecutor",
     "BottlesTask",
     "ContextCache",
+    "ContextSource",
+    "Controller",
+    "FetchExpert",
+    "FunctionController",
     "InvalidContextError",
     "InvalidTrajectoryError",
     "Measured",
@@ -49,6 +65,7 @@ __all__ = [
     "MujocoTask",
     "ObstaclesTask",
     "PickAndPlaceTask",
+    "PositionController",
     "PouringTask",
     "PushTask",
     "RenderingUnavailableError",
@@ -56,12 +73,14 @@ __all__ = [
     "SensorLog",
     "Task",
     "TaskError",
+    "TrajectoryActionWrapper",
     "TrajectoryEnv",
     "TrajectoryVecEnv",
     "UnknownTaskError",
     "ViaPointsTask",
     "draw",
     "extrapolation",
+    "fetch_env",
     "interpolate",
     "leave_one_out",
     "limit_speed",
