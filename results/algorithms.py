@@ -3,7 +3,13 @@
 from dataclasses import replace
 
 from results.harness.specification import Algorithm
-from sb3_nmp import ACNMPAdaptation, ACNMPCritic, ACNMPExploration, CNMPArchitecture
+from sb3_nmp import (
+    ACNMPAdaptation,
+    ACNMPCritic,
+    ACNMPExploration,
+    CNMPArchitecture,
+    ShapedExploration,
+)
 
 RCNMP = Algorithm("rcnmp", "sb3_nmp:RCNMP", description="reward-conditioned neural process")
 ACNMP = Algorithm("acnmp", "sb3_nmp:ACNMP", description="adaptive conditional neural process")
@@ -75,6 +81,23 @@ def twins(*names: str, **settings: object) -> dict[str, Algorithm]:
     :param settings: see `twin`
     """
     return {f"twin, {name}": twin(name, **settings) for name in names}
+
+
+def tuned(n_bases: int, shaped: float, population_size: int = 1) -> dict[str, Algorithm]:
+    """Return rows of ACNMP, and of its nearest twin, with noise that was tuned on a task.
+
+    >>> list(tuned(n_bases=4, shaped=0.99))
+    ['ACNMP, tuned', 'twin, nearest, tuned']
+
+    :param n_bases: of the noise, see `ShapedExploration`
+    :param shaped: share of the noise that is like the demonstrations
+    :param population_size: rollouts per generation
+    """
+    size: dict[str, object] = {"population_size": population_size}
+    own = size | {"exploration": ACNMPExploration(n_bases=n_bases, shaped=shaped)}
+    ours = replace(ACNMP, settings=own, description="ACNMP with noise that was tuned on this task")
+    theirs = twin("nearest", **size, exploration=ShapedExploration(n_bases=n_bases, shaped=shaped))
+    return {"ACNMP, tuned": ours, "twin, nearest, tuned": theirs}
 
 
 #: context in the decoder, time as it is, no trend, one network

@@ -12,6 +12,7 @@ from results.algorithms import (
     STARK,
     SUM_ALONE,
     thesis_acnmp,
+    tuned,
     twin,
     twins,
 )
@@ -22,6 +23,7 @@ ALGORITHMS = {
     "ACNMP": ACNMP,
     "ACNMP, sum alone": replace(ACNMP, settings=SUM_ALONE),
     **twins("nearest", "ridge", "Gaussian process"),
+    **tuned(n_bases=8, shaped=0.5),
     "twin, nearest, sum alone": twin("nearest", **SUM_ALONE),
     "ACNMP (thesis)": thesis_acnmp(),
     "CMA-ES context": replace(

@@ -13,6 +13,7 @@ from results.algorithms import (
     STARK,
     SUM_ALONE,
     thesis_acnmp,
+    tuned,
     twin,
     twins,
 )
@@ -23,6 +24,7 @@ ALGORITHMS = {
     "ACNMP": ACNMP,
     "ACNMP, sum alone": replace(ACNMP, settings=SUM_ALONE),
     **twins("nearest", "ridge", "Gaussian process"),
+    **tuned(n_bases=4, shaped=0.5),
     "twin, ridge, sum alone": twin("ridge", **SUM_ALONE),
     "ACNMP (thesis)": thesis_acnmp(),
     "CMA-ES context": replace(CMAES, settings={"n_bases": 4, "context_std": 0.3}),

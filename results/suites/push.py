@@ -14,6 +14,7 @@ from results.algorithms import (
     STARK,
     TWINS,
     thesis_acnmp,
+    tuned,
     twins,
 )
 from results.harness.suite import Recipe
@@ -28,6 +29,7 @@ ALGORITHMS = {
     "ACNMP": ACNMP,
     "ACNMP, network drives": replace(ACNMP, settings=NETWORK_DRIVES | {"exploration": EXPLORATION}),
     **twins(*TWINS),
+    **tuned(population_size=3, n_bases=4, shaped=0.99),
     "ACNMP (thesis)": thesis_acnmp(),
     "CMA-ES residual": replace(
         CMAES,

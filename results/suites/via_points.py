@@ -19,7 +19,7 @@ from sb3_nmp import (
 #: each method's number was chosen among a few (results/experiments/via_points.md)
 NARROW = 20
 #: of ACNMP
-EXPLORATION = ACNMPExploration(n_bases=15)
+EXPLORATION = ACNMPExploration(n_bases=15, shaped=0.5)
 SHOWN_A_LINE = "its one demonstration is the initial trajectory"
 
 
