@@ -16,12 +16,12 @@ from typing import Any, cast, get_args
 import numpy as np
 import torch as th
 from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from baselines.regression import Regression, fit
 from benchmark_envs.tasks.pick_and_place import PickAndPlaceTask
-from benchmark_envs.tasks.pick_and_place_layout import FIELD
 from results.harness.environments import RunTask
 from results.report.figure_style import DPI, line_style, plain_axes
 from results.stream.protocol import Stream
@@ -36,6 +36,7 @@ Answer = Callable[[FloatArray], FloatArray]
 TASK_ID = "nmp/PickAndPlace-v1"
 #: of which the figure shows the failures
 SHOWN = 40
+WORST_SHOWN = 30  # mm
 #: what went wrong, in the order of time: a rollout counts for the first that holds
 FAULTS = {
     "not grasped": "#D55E00",
@@ -153,51 +154,63 @@ def failing(runs: list[dict[str, Any]]) -> float:
 
 
 def draw(contexts: FloatArray, runs: list[dict[str, Any]]) -> Figure:
-    """Draw failures over the number of demonstrations, and where three of the answerers fail.
+    """Draw failures over the number of demonstrations, and where three of the answerers are off.
 
     :param contexts: unseen ones, shape (N, 6) in m
     :param runs: of `record`
     """
-    figure = Figure(figsize=(13, 4.2), layout="constrained")
-    panels = figure.subplots(1, 4, width_ratios=[1.25, 1, 1, 1])
-    numbers = sorted({run["n"] for run in runs})
-    for name in ANSWERERS:
-        own = [[run for run in runs if run["name"] == name and run["n"] == n] for n in numbers]
-        rates = [100 * failing(each) for each in own]
-        panels[0].plot(numbers, rates, marker="o", label=name, **line_style(name, ANSWERERS))
-    panels[0].set(xlabel="demonstrations", ylabel="unseen contexts that fail [%]", ylim=(-2, 102))
-    panels[0].set_xscale("log", base=2)
-    panels[0].set_xticks(numbers, [str(n) for n in numbers])
-    panels[0].legend(frameon=False, fontsize=8)
-    plain_axes(panels[0])
+    figure = Figure(figsize=(15, 4.4), layout="constrained")
+    panels = figure.subplots(1, 4, width_ratios=[1.1, 1, 1, 1])
+    draw_rates(panels[0], runs)
     for axes, name in zip(
         panels[1:], ("ACNMP's network", "gaussian-process", "ridge"), strict=True
     ):
-        map_failures(axes, contexts, [r for r in runs if r["name"] == name and r["n"] == SHOWN])
+        own = [run for run in runs if run["name"] == name and run["n"] == SHOWN]
+        dots = map_errors(axes, contexts, own)
         axes.set_title(f"{name}, {SHOWN} demonstrations", fontsize=10)
-    handles, labels = panels[-1].get_legend_handles_labels()
+    figure.colorbar(dots, ax=panels[3], label="gripper off at object (o) and goal (x) [mm]")
+    handles, labels = panels[3].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower right", ncols=len(labels), frameon=False)
     return figure
 
 
-def map_failures(axes: Axes, contexts: FloatArray, runs: list[dict[str, Any]]) -> None:
-    """Draw failures as ways from object (dot) to goal, in the colour of their fault.
+def draw_rates(axes: Axes, runs: list[dict[str, Any]]) -> None:
+    """Draw which share fails over the number of demonstrations.
 
-    :param axes: whose panel
-    :param contexts: shape (N, 6) in m
-    :param runs: of one answerer
+    :param axes: of the panel
+    :param runs: of `record`
     """
-    (x0, y0), (x1, y1) = FIELD
-    axes.plot([x0, x1, x1, x0, x0], [y0, y0, y1, y1, y0], color="0.6", linewidth=1)
+    for name in [name for name in ANSWERERS if any(run["name"] == name for run in runs)]:
+        own = [run for run in runs if run["name"] == name]
+        numbers = sorted({run["n"] for run in own})
+        rates = [100 * failing([run for run in own if run["n"] == n]) for n in numbers]
+        axes.plot(numbers, rates, marker="o", label=name, **line_style(name, ANSWERERS))
+    axes.set(xlabel="demonstrations", ylabel="unseen contexts that fail [%]", ylim=(-3, 103))
+    axes.set_xticks(sorted({run["n"] for run in runs}))
+    axes.legend(frameon=False, fontsize=8)
+    plain_axes(axes)
+
+
+def map_errors(axes: Axes, contexts: FloatArray, runs: list[dict[str, Any]]) -> PathCollection:
+    """Draw how far the gripper is off at objects and goals, and the ways that fail; return dots.
+
+    :param axes: of the panel
+    :param contexts: shape (N, 6) in m
+    :param runs: of one answerer, at least one
+    """
     for fault, colour in FAULTS.items():
-        label: str | None = fault
         for run in runs:
-            for context in contexts[np.array(run["faults"]) == fault]:
-                axes.plot(context[[0, 2]], context[[1, 3]], color=colour, linewidth=0.7, alpha=0.6)
-                axes.plot(*context[:2], "o", color=colour, markersize=3.5)
-        axes.plot([], [], "o-", color=colour, markersize=3.5, label=label)
+            for way in contexts[np.array(run["faults"]) == fault]:
+                axes.plot(way[[0, 2]], way[[1, 3]], color=colour, linewidth=0.9, alpha=0.8)
+        axes.plot([], [], color=colour, label=fault)
+    at = {"grasp": contexts[:, :2], "place": contexts[:, 2:4]}
+    for term, mark in (("place", "x"), ("grasp", "o")):
+        off = -1e3 * np.mean([run["terms"][term] for run in runs], axis=0)
+        style: dict[str, Any] = {"s": 16, "cmap": "viridis_r", "vmin": 0, "vmax": WORST_SHOWN}
+        dots = axes.scatter(*at[term].T, c=off, marker=mark, **style)
     n = sum(len(run["faults"]) for run in runs)
     axes.set(xlabel=f"x [m]; {failing(runs):.1%} of {n} fail", ylabel="y [m]", aspect="equal")
+    return dots
 
 
 def main() -> None:
