@@ -162,13 +162,13 @@ def draw(contexts: FloatArray, runs: list[dict[str, Any]]) -> Figure:
     figure = Figure(figsize=(15, 4.4), layout="constrained")
     panels = figure.subplots(1, 4, width_ratios=[1.1, 1, 1, 1])
     draw_rates(panels[0], runs)
-    for axes, name in zip(
-        panels[1:], ("ACNMP's network", "gaussian-process", "ridge"), strict=True
-    ):
-        own = [run for run in runs if run["name"] == name and run["n"] == SHOWN]
-        dots = map_errors(axes, contexts, own)
-        axes.set_title(f"{name}, {SHOWN} demonstrations", fontsize=10)
-    figure.colorbar(dots, ax=panels[3], label="gripper off at object (o) and goal (x) [mm]")
+    mapped = ("ACNMP's network", "gaussian-process", "ridge")
+    own = [[run for run in runs if run["name"] == name and run["n"] == SHOWN] for name in mapped]
+    dots = [
+        map_errors(axes, contexts, name, of_name)
+        for axes, name, of_name in zip(panels[1:], mapped, own, strict=True)
+    ]
+    figure.colorbar(dots[-1], ax=panels[3], label="gripper off at object (o) and goal (x) [mm]")
     handles, labels = panels[3].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower right", ncols=len(labels), frameon=False)
     return figure
@@ -191,26 +191,30 @@ def draw_rates(axes: Axes, runs: list[dict[str, Any]]) -> None:
     plain_axes(axes)
 
 
-def map_errors(axes: Axes, contexts: FloatArray, runs: list[dict[str, Any]]) -> PathCollection:
+def map_errors(
+    axes: Axes, contexts: FloatArray, name: str, runs: list[dict[str, Any]]
+) -> PathCollection:
     """Draw how far the gripper is off at objects and goals, and the ways that fail; return dots.
 
     :param axes: of the panel
     :param contexts: shape (N, 6) in m
-    :param runs: of one answerer, at least one
+    :param name: of the answerer
+    :param runs: its, at least one
     """
     for fault, colour in FAULTS.items():
         for run in runs:
             for way in contexts[np.array(run["faults"]) == fault]:
                 axes.plot(way[[0, 2]], way[[1, 3]], color=colour, linewidth=0.9, alpha=0.8)
         axes.plot([], [], color=colour, label=fault)
-    at = {"grasp": contexts[:, :2], "place": contexts[:, 2:4]}
-    for term, mark in (("place", "x"), ("grasp", "o")):
-        off = -1e3 * np.mean([run["terms"][term] for run in runs], axis=0)
-        style: dict[str, Any] = {"s": 16, "cmap": "viridis_r", "vmin": 0, "vmax": WORST_SHOWN}
-        dots = axes.scatter(*at[term].T, c=off, marker=mark, **style)
     n = sum(len(run["faults"]) for run in runs)
     axes.set(xlabel=f"x [m]; {failing(runs):.1%} of {n} fail", ylabel="y [m]", aspect="equal")
-    return dots
+    axes.set_title(f"{name}, {SHOWN} demonstrations", fontsize=10)
+    style: dict[str, Any] = {"s": 16, "cmap": "viridis_r", "vmin": 0, "vmax": WORST_SHOWN}
+    grasp, place = (
+        -1e3 * np.mean([run["terms"][term] for run in runs], axis=0) for term in ("grasp", "place")
+    )
+    axes.scatter(*contexts[:, 2:4].T, c=place, marker="x", **style)
+    return axes.scatter(*contexts[:, :2].T, c=grasp, marker="o", **style)
 
 
 def main() -> None:
