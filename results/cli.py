@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from results.exceptions import BenchmarkError
 from results.leaderboard.commands import add_leaderboard
+from results.output_commands import add_export, add_render
 from results.suites import check_suite, describe_suites
 from results.thesis import NAMES, TABLES, describe
 
@@ -66,7 +67,8 @@ def build_parser() -> argparse.ArgumentParser:
     add_leaderboard(
         commands.add_parser("leaderboard", help="the committed rows: show, update, check, verify")
     )
-    _add_render(commands.add_parser("render", help="draw a run's or a model's rollout"))
+    add_render(commands.add_parser("render", help="draw a run's or a model's rollout"))
+    add_export(commands.add_parser("export", help="write a trajectory or a policy for others"))
     return parser
 
 
@@ -157,19 +159,6 @@ def _add_reproduce(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder of the runs' folders and of the picture (default: results/runs)",
     )
-
-
-def _add_render(parser: argparse.ArgumentParser) -> None:
-    parser.description = "Draw one rollout as .gif, .mp4 or, as a sheet of pictures, .png."
-    parser.set_defaults(command=render)
-    parser.add_argument("task", metavar="TASK", help="such as nmp/Bottles-v0")
-    source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument("--model", type=Path, metavar="ZIP", help="saved by model.save()")
-    source.add_argument("--run", type=Path, metavar="JSON", help="a run's file: its greedy rollout")
-    source.add_argument("--expert", metavar="MODE", help="the task's scripted expert")
-    parser.add_argument("--algorithm", default="rcnmp", help="of the model (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="of the context, where it is drawn")
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="what to write")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -284,21 +273,6 @@ def reproduce(options: argparse.Namespace) -> int:
         (request.folder / f"{request.file(name)}.md").write_text(page.markdown(), encoding="utf-8")
     if options.all:
         print("\n".join(verdicts))
-    return 0
-
-
-def render(options: argparse.Namespace) -> int:
-    """Do ``nmp-bench render``.
-
-    :param options: the parsed arguments
-    """
-    from results.render import RenderRequest, render_rollout
-
-    request = RenderRequest(
-        options.task, options.model, options.run, options.expert, options.algorithm, options.seed
-    )
-    render_rollout(request, options.out)
-    print(f"Written: {options.out}")
     return 0
 
 

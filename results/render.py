@@ -14,7 +14,7 @@ from results.algorithms import BY_NAME
 from results.exceptions import BenchmarkError
 from results.harness.record_files import read_record
 from results.harness.suite import find_label
-from sb3_nmp import FileFormatError
+from sb3_nmp import FileFormatError, TrajectoryAlgorithm
 
 ENDINGS = (".gif", ".mp4", ".png")
 SHEET = (2, 4)  # rows and columns of pictures
@@ -74,15 +74,24 @@ def chosen_rollout(request: RenderRequest) -> tuple[np.ndarray, np.ndarray]:
     context = task.sample_context(np.random.default_rng(request.seed))
     if request.model is None:
         return context, _float32(task.demonstrate(context, request.expert))
-    if not request.model.exists():
+    action, _ = load_model(request).predict(_float32(context), deterministic=True)
+    return context, action
+
+
+def load_model(request: RenderRequest) -> TrajectoryAlgorithm:
+    """Return the model of a request.
+
+    :param request: whose
+    :raises BenchmarkError: there is no such file, or it is none of this algorithm. No code from it
+        is run
+    """
+    if request.model is None or not request.model.exists():
         raise BenchmarkError(f"there is no model '{request.model}'; give a file of model.save().")
     algorithm = BY_NAME[find_label(request.algorithm, BY_NAME, "the benchmark")].load()
     try:
-        model = algorithm.load(request.model)
-    except FileFormatError as error:  # pickles among them: no code of a model's file is run
+        return algorithm.load(request.model)
+    except FileFormatError as error:
         raise BenchmarkError(str(error)) from error
-    action, _ = model.predict(_float32(context), deterministic=True)
-    return context, action
 
 
 def rollout_of_run(path: Path, task: str) -> tuple[np.ndarray, np.ndarray]:

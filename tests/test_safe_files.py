@@ -331,7 +331,7 @@ def test_no_file_of_any_algorithm_needs_a_pickle(
 def test_files_of_sb3s_format_load_where_the_user_says_so(place: Place) -> None:
     model = GA.load(place.good)
     BaseAlgorithm.save(model, place.forged)
-    with pytest.raises(UnsafeFileError, match=r"format of Stable-Baselines3.*allow_pickle=True"):
+    with pytest.raises(UnsafeFileError, match=r"format of Stable-Baselines3 .*allow_pickle=True"):
         GA.load(place.forged)
     old = GA.load(place.forged, allow_pickle=True)
     context = gym.make(ENV_ID).reset(seed=0)[0]

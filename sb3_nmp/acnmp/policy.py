@@ -55,6 +55,11 @@ class ACNMPPolicy(ElitePolicy):
     def _get_constructor_parameters(self) -> dict[str, Any]:
         return super()._get_constructor_parameters() | {"cnmp": self.architecture}
 
+    @property
+    def answers_by_network(self) -> bool:
+        """Whether its greedy answers are PyTorch from contexts to trajectories: they are."""
+        return True
+
     def generalise(self, contexts: th.Tensor, deterministic: bool = True) -> th.Tensor:
         """Return the CNMP's mean, or a sample, for each context, shape (N, T, D).
 

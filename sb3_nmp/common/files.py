@@ -31,6 +31,8 @@ from sb3_nmp.common.exceptions import FileFormatError, PickleWarning, UnsafeFile
 CONTENT, TENSORS = "sb3_nmp.json", "tensors.safetensors"
 #: of the layout; a reader refuses newer ones
 VERSION = 1
+#: what this library, too, once saved as pickles
+PICKLED_BEFORE = ("model", "policy")
 
 AnyPath = str | PathLike[str] | BufferedIOBase
 DAMAGE = (
@@ -160,7 +162,7 @@ def read_arrays(path: AnyPath, keys: Sequence[str]) -> list[NDArray[Any]]:
     :raises FileNotFoundError: there is none
     """
     try:
-        with np.load(BytesIO(_bytes(path, "")), allow_pickle=False) as file:
+        with np.load(BytesIO(bytes_of(path)), allow_pickle=False) as file:
             return [file[key] for key in keys]
     except FileNotFoundError:
         raise
@@ -187,7 +189,7 @@ def _members(
 
     :raises FileFormatError: it is no file of this library, or is one of another kind
     """
-    name, raw = _name(path), _bytes(path, suffix)
+    name, raw = _name(path), bytes_of(path, suffix)
     try:
         with zipfile.ZipFile(BytesIO(raw)) as archive:
             if set(archive.namelist()) != {CONTENT, TENSORS}:
@@ -215,11 +217,13 @@ def _members(
 def _foreign(name: str, kind: str, members: list[str]) -> FileFormatError:
     """Return the error for a zip without our content."""
     if "data" in members or any(member.endswith("data.pkl") for member in members):
+        told = f"{name} is in the format of Stable-Baselines3 or torch.save, whose pickles can run "
+        told += "any code when they are read"
+        if kind not in PICKLED_BEFORE:
+            return UnsafeFileError(f"{told}; it is no {kind} that this library saved.")
         return UnsafeFileError(
-            f"{name} is in the format of Stable-Baselines3, whose pickles can run any code when "
-            "they are read (models of this library were saved like that before version 0.2). If "
-            "you trust who wrote it, load it with allow_pickle=True, and save it again to be rid "
-            "of the pickles."
+            f"{told} (this library saved a {kind} like that before version 0.2). If you trust who "
+            "wrote it, load it with allow_pickle=True, and save it again to be rid of the pickles."
         )
     return FileFormatError(
         f"{name} is no {kind} that this library saved: such a zip holds {CONTENT} and {TENSORS}, "
@@ -227,7 +231,7 @@ def _foreign(name: str, kind: str, members: list[str]) -> FileFormatError:
     )
 
 
-def _bytes(path: AnyPath, suffix: str) -> bytes:
+def bytes_of(path: AnyPath, suffix: str = "") -> bytes:
     """Return a file's content; an open file is left where it was."""
     if isinstance(path, str | PathLike):
         with open_path(Path(path), "r", suffix=suffix or None) as file:

@@ -73,6 +73,11 @@ class TrajectoryPolicy(BasePolicy):
         policy.load_state_dict(saved["state"])
         return policy.to(get_device(device))
 
+    @property
+    def answers_by_network(self) -> bool:
+        """Whether its greedy answers are PyTorch from contexts to trajectories, as ONNX needs."""
+        return False
+
     def own_answer(self, contexts: NDArray[np.floating]) -> NDArray[np.float64] | None:
         """Return what was learned, without any rollout remembered, inside the space, (N, T, D).
 

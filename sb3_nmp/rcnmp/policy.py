@@ -152,6 +152,11 @@ class RCNMPPolicy(ElitePolicy):
         category = th.as_tensor(rng.choice(len(shares), n, p=shares))
         return self.network.code(th.as_tensor(latents), category).numpy()
 
+    @property
+    def answers_by_network(self) -> bool:
+        """Whether its greedy answers are the network's: a skill over contexts searches for them."""
+        return not self.skill.is_ready
+
     def generalise(self, contexts: th.Tensor, deterministic: bool = True) -> th.Tensor:
         """Return the skill's answers, or what the network proposes for the best reward, (N, T, D).
 

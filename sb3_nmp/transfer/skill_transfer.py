@@ -1,25 +1,22 @@
 """`SkillTransfer`: what one robot shows becomes a trajectory of another (thesis 5.1, Fig. 5.2)."""
 
-import dataclasses
-from pathlib import Path
 from typing import Any, Literal, Self, get_args, overload
 
 import numpy as np
 import torch as th
 from numpy.typing import ArrayLike, NDArray
 
+from sb3_nmp.common import files
 from sb3_nmp.common.demonstrations import Demonstrations
-from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
-from sb3_nmp.common.settings import stable_name
+from sb3_nmp.common.exceptions import ConfigurationError, InvalidDataError
 from sb3_nmp.models.cnmp import CNMP, CNMPArchitecture
-from sb3_nmp.models.networks import ACTIVATIONS
 from sb3_nmp.transfer.proxy_skills import ProxySkills
 from sb3_nmp.transfer.settings import TransferTraining
 from sb3_nmp.transfer.training import PairSampler, train_pair
 
 Robot = Literal["source", "target"]
 
-FILE_FORMAT = "sb3-nmp skill transfer 1"
+FILE_KIND = "skill transfer"
 
 
 class SkillTransfer:
@@ -190,51 +187,39 @@ class SkillTransfer:
 
     # -- files ---------------------------------------------------------------------------------
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: files.AnyPath) -> None:
         """Write the trained networks to a file; the demonstrations are not in it.
 
-        :param path: of the file
+        :param path: of the file, or an open one
         :raises ConfigurationError: `fit` has not been called
         """
         self._network("source")
-        architecture = dataclasses.asdict(self.architecture)
-        architecture["activation_fn"] = stable_name(self.architecture.activation_fn)
-        content = {
-            "format": FILE_FORMAT,
-            "architecture": architecture,
-            "training": dataclasses.asdict(self.training),
+        settings = {
+            "architecture": self.architecture,
+            "training": self.training,
             "shapes": [(len(n.times), len(n.value_mean)) for n in self._networks],
-            "weights": [cnmp.state_dict() for cnmp in self._networks],
         }
-        th.save(content, path)
+        weights = {
+            robot: cnmp.state_dict()
+            for robot, cnmp in zip(get_args(Robot), self._networks, strict=True)
+        }
+        files.write(path, FILE_KIND, {"settings": settings, "weights": weights})
 
     @classmethod
-    def load(cls, path: str | Path) -> "SkillTransfer":
+    def load(cls, path: files.AnyPath) -> "SkillTransfer":
         """Read what `save` wrote; it can translate, but not be trained further.
 
-        :param path: of the file
+        :param path: of the file, or an open one. No code from it is run
         :raises FileFormatError: it is not such a file
         """
-        try:
-            content: dict[str, Any] = th.load(path, weights_only=True)
-            known = content["format"] == FILE_FORMAT
-        except FileNotFoundError:
-            raise
-        except Exception as error:
-            raise FileFormatError(f"{path} holds no skill transfer: {error}") from error
-        if not known:
-            raise FileFormatError(
-                f"{path} has the format {content['format']!r}; this version reads {FILE_FORMAT!r}."
-            )
-        architecture = content["architecture"]
-        architecture["activation_fn"] = ACTIVATIONS[architecture["activation_fn"]]
+        saved = files.read(path, FILE_KIND)
+        settings = saved["settings"]
         made = cls.__new__(cls)
         made.skills, made.seed, made.rng = None, None, np.random.default_rng()
-        made.architecture = CNMPArchitecture(**architecture)
-        made.training = TransferTraining(**content["training"])
-        made._networks = _networks(content["shapes"], made.architecture, 0)
-        for cnmp, weights in zip(made._networks, content["weights"], strict=True):
-            cnmp.load_state_dict(weights)
+        made.architecture, made.training = settings["architecture"], settings["training"]
+        made._networks = _networks(settings["shapes"], made.architecture, 0)
+        for robot, cnmp in zip(get_args(Robot), made._networks, strict=True):
+            cnmp.load_state_dict(saved["weights"][robot])
             cnmp.train(False)
         made.is_fitted = True
         return made

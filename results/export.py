@@ -1,0 +1,48 @@
+"""What was learned, in files for others: CSV, ROS 2 messages in MCAP, or the policy as ONNX."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from benchmark_envs import make_task
+from results.exceptions import BenchmarkError
+from results.render import RenderRequest, chosen_rollout, load_model
+from sb3_nmp import ConfigurationError
+from sb3_nmp.common.csv_files import write_csv
+from sb3_nmp.common.mcap_files import write_mcap
+from sb3_nmp.common.onnx_files import export_onnx
+
+ENDINGS = (".csv", ".mcap", ".onnx")
+
+
+def export(request: RenderRequest, out: Path, names: Sequence[str] | None = None) -> None:
+    """Write the trajectory of one context, or the policy.
+
+    :param request: whose, and in which context
+    :param out: ends in .csv or .mcap for the trajectory, in .onnx for the policy
+    :param names: of the joints or coordinates; ``q1`` and so on by default
+    :raises BenchmarkError: another ending, a wrong number of names, no model for .onnx, a package
+        that is missing, or a policy that ONNX cannot hold
+    """
+    if out.suffix not in ENDINGS:
+        raise BenchmarkError(f"--out is '{out}'; its ending must be one of {', '.join(ENDINGS)}.")
+    try:
+        if out.suffix == ".onnx":
+            export_onnx(load_model(request).policy, out)
+        else:
+            _export_trajectory(request, out, names)
+    except ConfigurationError as error:
+        raise BenchmarkError(str(error)) from error
+
+
+def _export_trajectory(request: RenderRequest, out: Path, names: Sequence[str] | None) -> None:
+    task = make_task(request.task)
+    context, trajectory = chosen_rollout(request)
+    n_dimensions = np.shape(trajectory)[1]
+    if names is not None and len(names) != n_dimensions:
+        raise BenchmarkError(f"--names has {len(names)} names; {n_dimensions} are needed.")
+    if out.suffix == ".csv":
+        write_csv(out, [context], [trajectory], task.times, names)
+    else:
+        write_mcap(out, trajectory, task.times, names)

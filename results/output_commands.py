@@ -1,0 +1,75 @@
+"""The commands that write one file: ``nmp-bench render`` and ``nmp-bench export``."""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # what is slow to import waits
+    from results.render import RenderRequest
+
+
+def add_render(parser: argparse.ArgumentParser) -> None:
+    """Tell the command ``render``.
+
+    :param parser: its own
+    """
+    parser.description = "Draw one rollout as .gif, .mp4 or, as a sheet of pictures, .png."
+    parser.set_defaults(command=render)
+    _add_source(parser)
+
+
+def add_export(parser: argparse.ArgumentParser) -> None:
+    """Tell the command ``export``.
+
+    :param parser: its own
+    """
+    parser.description = (
+        "Write the trajectory of one context as .csv or, for ROS 2, as a JointTrajectory in .mcap; "
+        "or a model's policy as .onnx."
+    )
+    parser.set_defaults(command=export)
+    _add_source(parser)
+    parser.add_argument("--names", nargs="+", metavar="NAME", help="of the joints or coordinates")
+
+
+def _add_source(parser: argparse.ArgumentParser) -> None:
+    """Let a command be told whose rollout is meant, and where to write it."""
+    parser.add_argument("task", metavar="TASK", help="such as nmp/Bottles-v0")
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument("--model", type=Path, metavar="ZIP", help="saved by model.save()")
+    source.add_argument("--run", type=Path, metavar="JSON", help="a run's file: its greedy rollout")
+    source.add_argument("--expert", metavar="MODE", help="the task's scripted expert")
+    parser.add_argument("--algorithm", default="rcnmp", help="of the model (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="of the context, where it is drawn")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="what to write")
+
+
+def render(options: argparse.Namespace) -> int:
+    """Do ``nmp-bench render``.
+
+    :param options: the parsed arguments
+    """
+    from results.render import render_rollout
+
+    return _write(options, render_rollout)
+
+
+def _write(options: argparse.Namespace, write: Callable[["RenderRequest", Path], None]) -> int:
+    """Let a function write what `_add_source` was told."""
+    from results.render import RenderRequest
+
+    o = options
+    write(RenderRequest(o.task, o.model, o.run, o.expert, o.algorithm, o.seed), o.out)
+    print(f"Written: {o.out}")
+    return 0
+
+
+def export(options: argparse.Namespace) -> int:
+    """Do ``nmp-bench export``.
+
+    :param options: the parsed arguments
+    """
+    from results.export import export as write
+
+    return _write(options, lambda request, out: write(request, out, options.names))
