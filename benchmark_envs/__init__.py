@@ -23,8 +23,12 @@ from benchmark_envs.splits import extrapolation, leave_one_out
 from benchmark_envs.task import Task
 from benchmark_envs.tasks import (
     ApertureTask,
+    ArmPushTask,
+    ArmReachTask,
     BottlesTask,
+    ButtonPressTask,
     ObstaclesTask,
+    PegInsertionTask,
     PickAndPlaceTask,
     PouringTask,
     PushTask,
@@ -50,8 +54,11 @@ if TYPE_CHECKING:
 __all__ = [
     "ActionController",
     "ApertureTask",
+    "ArmPushTask",
+    "ArmReachTask",
     "BatchExecutor",
     "BottlesTask",
+    "ButtonPressTask",
     "ContextCache",
     "ContextSource",
     "Controller",
@@ -64,6 +71,7 @@ __all__ = [
     "MovementPrimitiveWrapper",
     "MujocoTask",
     "ObstaclesTask",
+    "PegInsertionTask",
     "PickAndPlaceTask",
     "PositionController",
     "PouringTask",
