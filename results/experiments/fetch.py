@@ -174,7 +174,7 @@ def main() -> None:
     else:
         from results.experiments.fetch_figure import draw
 
-        draw(Path(folder), Path(rest[0]))
+        print(draw(Path(folder), Path(rest[0])))
 
 
 if __name__ == "__main__":

@@ -28,8 +28,8 @@ def read(folder: Path) -> Runs:
     return found
 
 
-def draw(folder: Path, picture: Path) -> None:
-    """Draw the curves, a panel for each task, and print the table of the last evaluations.
+def draw(folder: Path, picture: Path) -> str:
+    """Draw the curves, a panel for each task, and return the table of the evaluations.
 
     :param folder: of the JSON files
     :param picture: PNG to write
@@ -45,11 +45,11 @@ def draw(folder: Path, picture: Path) -> None:
         axes.set_title(task)
         axes.set_xlabel("control steps of the simulator, in 1000")
         axes.set_ylim(-3, 103)
-        axes.legend(loc="lower right", fontsize=8)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), ncol=2, fontsize=8)
         plain_axes(axes)
     panels[0].set_ylabel("unseen goals reached [%]")
     figure.savefig(picture, dpi=DPI)
-    print(table(runs))
+    return table(runs)
 
 
 def _curve(axes: Axes, method: str, records: list[dict[str, Any]]) -> None:
