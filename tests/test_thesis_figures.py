@@ -137,6 +137,18 @@ def test_figure_5_3_counts_the_rollouts_and_the_ellipses_of_the_worst_run() -> N
         assert [f.held for f in told if f.claim.startswith("ACNMP succeeds within 35")] == [False]
 
 
+@pytest.mark.parametrize(("share", "kept"), [(0.3, True), (0.4, False)])
+def test_figure_5_3_draws_the_line_at_a_third_of_what_rl_alone_is_off(
+    share: float, kept: bool
+) -> None:
+    records = obstacle_records(True)
+    rl, exact = np.full(200, 0.6), scaled_to(0.6)
+    runs = [run for run in records["obstacles"] if run.specification.label != "ACNMP"]
+    runs.append(obstacle_run("ACNMP", 0, exact + share * (rl - exact)))
+    told = find_figure("fig-5.3").findings({"obstacles": runs})
+    assert [f.held for f in told if f.claim.startswith("ACNMP keeps")] == [kept]
+
+
 def test_figure_5_4_compares_the_farthest_with_the_nearest_via_point() -> None:
     rng = np.random.default_rng(0)
     for growing in (True, False):
