@@ -49,7 +49,7 @@ def test_the_shipped_files_and_every_sample_make_a_model(name: str) -> None:
 
 def test_groups_of_settings_and_demonstrations_are_made_of_plain_values(tmp_path: Path) -> None:
     env = make_vec_env(ENV_ID, 1)
-    model = ENTRIES["rcnmp"](env, seed=0, mutation={"sigma": 0.3, "n_bases": 5})
+    model: Any = ENTRIES["rcnmp"](env, seed=0, mutation={"sigma": 0.3, "n_bases": 5})
     assert model.mutation == SmoothNoise(sigma=0.3, n_bases=5)
     assert ENTRIES["acnmp"].convert({"a.b": 1, "c": 2, "a.d": 3}) == {"a": {"b": 1, "d": 3}, "c": 2}
     shown = Demonstrations.from_task(ENV_ID, 2, seed=3)

@@ -3,7 +3,7 @@
 import warnings
 from importlib.util import find_spec
 from io import BytesIO
-from typing import cast
+from typing import Any, cast
 
 import torch as th
 from gymnasium import spaces
@@ -81,7 +81,8 @@ def export_onnx(policy: TrajectoryPolicy, path: AnyPath) -> None:
 
 def _traced(policy: ElitePolicy) -> bytes:
     """Return the answer to a single context as ONNX."""
-    buffer, device = BytesIO(), policy.device
+    buffer: Any = BytesIO()  # which PyTorch takes, though its types do not say so
+    device = policy.device
     context = th.as_tensor(cast(spaces.Box, policy.observation_space).low.clip(-1e3, 1e3)).float()
     greedy = Greedy(policy.to("cpu")).eval()
     try:

@@ -41,8 +41,8 @@ class Entry:
         :param given: further arguments, as they stand in a file
         :raises ConfigurationError: an argument that does not fit
         """
-        made = self._arguments(env, seed, given)
-        return self.algorithm(env=env, seed=seed, **({"policy": "MlpPolicy"} | made))
+        made: dict[str, Any] = {"policy": "MlpPolicy"} | self._arguments(env, seed, given)
+        return self.algorithm(env=env, seed=seed, **made)
 
     def load(
         self,
