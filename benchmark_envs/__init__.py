@@ -35,6 +35,7 @@ from benchmark_envs.tasks import (
     ViaPointsTask,
 )
 from benchmark_envs.trajectory_env import TrajectoryEnv
+from benchmark_envs.workers import register_in_workers
 from benchmark_envs.wrappers import (
     ActionController,
     ContextSource,
@@ -47,6 +48,8 @@ from benchmark_envs.wrappers import (
     TrajectoryActionWrapper,
     fetch_env,
 )
+
+register_in_workers()
 
 if TYPE_CHECKING:
     from benchmark_envs.trajectory_vec_env import TrajectoryVecEnv

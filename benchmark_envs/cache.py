@@ -1,7 +1,7 @@
 """A bounded cache of values that belong to a context and are costly to make."""
 
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from benchmark_envs.rollouts import FloatArray
 
@@ -37,6 +37,10 @@ class ContextCache(Generic[Value]):
                 self._values.pop(next(iter(self._values)))
             self._values[key] = value
         return self._values[key]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what another process or a copy needs: values are made anew."""
+        return {**self.__dict__, "_values": {}}
 
     def __len__(self) -> int:
         """Return how many values are kept."""

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -80,6 +81,17 @@ class BatchExecutor:
         self._data: list[mujoco.MjData] = []
         self._scratch = mujoco.MjData(model)
         self._buffers = [np.empty((0, 0, 0)), np.empty((0, 0, 0))]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what another process or a copy needs: threads and scratch memory are made anew."""
+        return {name: getattr(self, name) for name in ("model", "substeps", "chunk", "n_threads")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take over what `__getstate__` returned.
+
+        :param state: by the names of the constructor's arguments
+        """
+        BatchExecutor.__init__(self, **state)
 
     def _reserve(self, n: int, steps: int, n_states: int) -> list[FloatArray]:
         """Return room for states and readings, the same as before where it is large enough.

@@ -50,6 +50,11 @@ class MujocoTask(Task):
         self.executor = BatchExecutor(model, substeps, n_threads, chunk)
         self.dt = substeps * float(model.opt.timestep)
 
+    @property
+    def frames_per_second(self) -> float:
+        """At how many pictures a second the film of `frames` is as fast as the rollout."""
+        return 1.0 / (self.dt * self.frame_every)
+
     @abstractmethod
     def _initial_state(self, context: FloatArray) -> FloatArray:
         """Return the full physics state at the start, shape (nstate,).
@@ -141,3 +146,17 @@ class MujocoTask(Task):
         shown = np.arange(self.frame_every - 1, len(states), self.frame_every).astype(int)
         model, drawn = self._drawn(contexts[0], states[shown])
         return draw(model, drawn, self.camera, width, height)
+
+    def first_frame(
+        self, context: ArrayLike, width: int = 480, height: int = 360
+    ) -> NDArray[np.uint8]:
+        """Draw how a rollout begins, shape (height, width, 3).
+
+        :param context: shape (C,)
+        :param width: of the picture, in pixels
+        :param height: of the picture, in pixels
+        :raises RenderingUnavailableError: no off-screen renderer on this machine
+        """
+        checked = self.check_context(context)
+        model, drawn = self._drawn(checked, self._initial_state(checked)[None])
+        return draw(model, drawn, self.camera, width, height)[0]

@@ -1,6 +1,7 @@
 """Off-screen pictures of physics states."""
 
 import os
+import sys
 
 import mujoco
 import numpy as np
@@ -22,15 +23,12 @@ def draw(
     :return: K pictures of shape (height, width, 3)
     :raises RenderingUnavailableError: no off-screen renderer on this machine
     """
+    if _lacks_display():  # GLFW's half-made window would raise errors until Python ends
+        raise _unavailable("there is no display")
     try:
         renderer = mujoco.Renderer(model, height, width)
     except Exception as error:  # each OpenGL platform raises its own kinds
-        backend = os.environ.get("MUJOCO_GL", "not set")
-        raise RenderingUnavailableError(
-            f"no off-screen renderer could be started (MUJOCO_GL is {backend}): {error}. Set "
-            "MUJOCO_GL=egl with a GPU driver, or install libosmesa6 and set MUJOCO_GL=osmesa "
-            "before Python starts. Everything but rendering works without."
-        ) from error
+        raise _unavailable(str(error)) from error
     data = mujoco.MjData(model)
     pictures: list[NDArray[np.uint8]] = []
     with renderer:
@@ -40,3 +38,19 @@ def draw(
             renderer.update_scene(data, camera)
             pictures.append(renderer.render().copy())
     return pictures
+
+
+def _lacks_display() -> bool:
+    """Tell whether MuJoCo would open a window where nothing can show one."""
+    by_window = os.environ.get("MUJOCO_GL", "").lower().strip() in ("", "glfw")
+    shown = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return sys.platform == "linux" and by_window and not shown
+
+
+def _unavailable(why: str) -> RenderingUnavailableError:
+    backend = os.environ.get("MUJOCO_GL", "not set")
+    return RenderingUnavailableError(
+        f"no off-screen renderer could be started (MUJOCO_GL is {backend}): {why}. Set "
+        "MUJOCO_GL=egl with a GPU driver, or install libosmesa6 and set MUJOCO_GL=osmesa before "
+        "Python starts. Everything but rendering works without."
+    )

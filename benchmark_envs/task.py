@@ -102,6 +102,11 @@ class Task(ABC):
         return float(self.times[-1])
 
     @property
+    def frames_per_second(self) -> float:
+        """At how many pictures a second the film of `frames` is as fast as the rollout."""
+        return 1.0 / self.dt
+
+    @property
     def context_units(self) -> tuple[str, ...]:
         """The units of `context_names`."""
         return tuple(unit_of(name) for name in self.context_names)
@@ -204,14 +209,25 @@ class Task(ABC):
     ) -> list[NDArray[np.uint8]]:
         """Run one rollout and draw it.
 
-        25 pictures are meant to be one second of the film. That is not always one second of the
-        rollout: slow tasks are shown faster.
+        ``frames_per_second`` of them are one second of the rollout.
 
         :param context: shape (C,)
         :param trajectory: shape (T, D)
         :param width: of the picture, in pixels
         :param height: of the picture, in pixels
         :return: pictures of shape (height, width, 3)
+        :raises RenderingUnavailableError: no off-screen renderer, or a task that cannot be drawn
+        """
+        raise RenderingUnavailableError(f"{type(self).__name__} draws no pictures of its rollouts.")
+
+    def first_frame(
+        self, context: ArrayLike, width: int = 480, height: int = 360
+    ) -> NDArray[np.uint8]:
+        """Draw how a rollout begins, shape (height, width, 3).
+
+        :param context: shape (C,)
+        :param width: of the picture, in pixels
+        :param height: of the picture, in pixels
         :raises RenderingUnavailableError: no off-screen renderer, or a task that cannot be drawn
         """
         raise RenderingUnavailableError(f"{type(self).__name__} draws no pictures of its rollouts.")

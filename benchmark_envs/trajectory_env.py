@@ -11,8 +11,6 @@ from benchmark_envs.registry import make_task
 from benchmark_envs.rollouts import FloatArray, Rollouts
 from benchmark_envs.task import Task
 
-FRAMES_PER_SECOND = 25
-
 
 class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
     """Contextual bandit: observe a context, answer with a whole trajectory, get one reward.
@@ -35,10 +33,7 @@ class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
     :raises TaskError: an unknown id or setting, or a context outside the context space
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012
-        "render_modes": ["rgb_array_list", "rgb_array"],
-        "render_fps": FRAMES_PER_SECOND,
-    }
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array_list", "rgb_array"]}  # noqa: RUF012
 
     def __init__(
         self,
@@ -53,6 +48,7 @@ class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
                 f"{', '.join(self.metadata['render_modes'])}."
             )
         self.task = task if isinstance(task, Task) else make_task(task, **settings)
+        self.metadata = {**self.metadata, "render_fps": self.task.frames_per_second}
         self.render_mode = render_mode
         self.observation_space = self.task.context_space
         self.action_space = self.task.trajectory_space
@@ -140,14 +136,19 @@ class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
         return np.array(self.task.exploration_scale)
 
     def render(self) -> Any:  # noqa: ANN401
-        """Draw the last rollout; None without a render mode or before the first rollout.
+        """Draw the last rollout; before the first one, how it would begin.
 
-        :return: a list of pictures of shape (H, W, 3), or the last one in mode ``"rgb_array"``
+        :return: a list of pictures of shape (H, W, 3), or the last one in mode ``"rgb_array"``;
+            None without a render mode
         :raises RenderingUnavailableError: no off-screen renderer on this machine
+        :raises TaskError: `reset` has not been called
         """
-        if self.render_mode is None or self._last is None:
+        if self.render_mode is None:
             return None
-        frames = self.task.frames(self._last.contexts[0], self._last.trajectories[0])
+        if self._last is None:
+            frames = [self.task.first_frame(self._current_context())]
+        else:
+            frames = self.task.frames(self._last.contexts[0], self._last.trajectories[0])
         return frames if self.render_mode == "rgb_array_list" else frames[-1]
 
     def _current_context(self) -> FloatArray:

@@ -38,6 +38,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # such as `nmp-bench table | head`
         sys.stderr.close()
         return 0
+    except OSError as error:  # such as a full disk, or a folder that may not be written
+        where = f" ('{error.filename}')" if error.filename else ""
+        print(f"nmp-bench: {error.strerror or error}{where}.", file=sys.stderr)
+        return USAGE_ERROR
     except (ValueError, RuntimeError) as error:
         if not _is_usage_error(error):
             raise
@@ -47,6 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _is_usage_error(error: Exception) -> bool:
     """Tell whether an error is the user's to mend, and its message all that there is to say."""
+    if "MUJOCO_GL" in str(error):  # MuJoCo cannot be imported then, nor what stands on it
+        return True
     from benchmark_envs import RenderingUnavailableError, TaskError
 
     return isinstance(error, BenchmarkError | TaskError | RenderingUnavailableError)

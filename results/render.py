@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark_envs import make_task
-from benchmark_envs.trajectory_env import FRAMES_PER_SECOND
 from results.algorithms import BY_NAME
 from results.exceptions import BenchmarkError
 from results.harness.record_files import read_record
@@ -59,7 +58,7 @@ def render_rollout(request: RenderRequest, out: Path) -> None:
     frames: Frames = env.render()  # type: ignore[assignment]
     env.close()
     out.parent.mkdir(parents=True, exist_ok=True)
-    write_frames(frames, out)
+    write_frames(frames, out, env.metadata["render_fps"])
 
 
 def chosen_rollout(request: RenderRequest) -> tuple[np.ndarray, np.ndarray]:
@@ -70,6 +69,8 @@ def chosen_rollout(request: RenderRequest) -> tuple[np.ndarray, np.ndarray]:
     """
     if request.run is not None:
         return rollout_of_run(request.run, request.task)
+    if request.seed < 0:
+        raise BenchmarkError(f"--seed is {request.seed}; it must be 0 or more.")
     task = make_task(request.task)
     context = task.sample_context(np.random.default_rng(request.seed))
     if request.model is None:
@@ -91,7 +92,10 @@ def load_model(request: RenderRequest) -> TrajectoryAlgorithm:
     try:
         return algorithm.load(request.model)
     except FileFormatError as error:
-        raise BenchmarkError(str(error)) from error
+        raise BenchmarkError(
+            f"'{request.model}' cannot be read as a model of {algorithm.__name__} ({error}); give "
+            "a file of model.save(), and with --algorithm the class that it was saved by."
+        ) from error
 
 
 def rollout_of_run(path: Path, task: str) -> tuple[np.ndarray, np.ndarray]:
@@ -116,18 +120,19 @@ def rollout_of_run(path: Path, task: str) -> tuple[np.ndarray, np.ndarray]:
     return np.array(context.values), _float32(rollout.trajectory)
 
 
-def write_frames(frames: Frames, out: Path) -> None:
+def write_frames(frames: Frames, out: Path, per_second: float) -> None:
     """Write a film, or a sheet of evenly spaced pictures.
 
     :param frames: pictures of shape (H, W, 3)
     :param out: its ending, one of `ENDINGS`, tells which
+    :param per_second: pictures in a second of the film
     :raises BenchmarkError: the package for .mp4 is not installed
     """
     from PIL import Image
 
     if out.suffix == ".gif":
         first, *rest = [Image.fromarray(frame) for frame in frames]
-        milliseconds = 1000 // FRAMES_PER_SECOND
+        milliseconds = round(1000 / per_second)
         first.save(out, save_all=True, append_images=rest, duration=milliseconds, loop=0)
     elif out.suffix == ".png":
         rows, columns = SHEET
@@ -145,7 +150,7 @@ def write_frames(frames: Frames, out: Path) -> None:
                 f"'{out}' needs imageio and ffmpeg: pip install 'sb3-nmp[video]', or write a .gif "
                 "or .png."
             ) from error
-        options = {"fps": FRAMES_PER_SECOND, "macro_block_size": 8}  # 360 rows stay 360
+        options = {"fps": per_second, "macro_block_size": 8}  # 360 rows stay 360
         imageio.imwrite(out, np.stack(frames), plugin="FFMPEG", **options)
 
 

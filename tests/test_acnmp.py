@@ -558,7 +558,7 @@ def test_the_mean_of_the_best_successes_is_assimilated() -> None:
         assert search.is_over(-0.5, 0)
 
 
-def test_a_saved_model_holds_the_digest_and_not_the_demonstrations(
+def test_a_saved_model_names_its_demonstrations_and_refuses_others(
     demonstrations: Demonstrations, tmp_path: Path
 ) -> None:
     model = build(demonstrations, Reach(2.0)).learn(10)
@@ -569,8 +569,7 @@ def test_a_saved_model_holds_the_digest_and_not_the_demonstrations(
     assert '"demonstrations"' not in json.dumps(saved)
     loaded = ACNMP.load(tmp_path / "model.zip", env=Reach(2.0))
     assert loaded.predict(np.array([0.1]), deterministic=True)[0].shape == (T, 1)
-    with pytest.raises(ConfigurationError, match="does not hold its demonstrations"):
-        loaded.learn(5)
+    assert loaded.learn(5).demonstrations == demonstrations
     with pytest.raises(InvalidDataError, match="are not those"):
         ACNMP.load(tmp_path / "model.zip", env=Reach(2.0), demonstrations=demonstrations[:3])
 

@@ -125,11 +125,12 @@ def test_enlarged_panel_shows_the_solved_runs():
 
 def test_pictures_of_a_rollout_become_a_film_or_a_sheet(tmp_path: Path):
     frames = [np.full((30, 40, 3), 5 * i, np.uint8) for i in range(50)]
-    write_frames(frames, tmp_path / "film.gif")
-    write_frames(frames, tmp_path / "sheet.png")
+    write_frames(frames, tmp_path / "film.gif", 8.0)
+    write_frames(frames, tmp_path / "sheet.png", 8.0)
     assert imread(tmp_path / "sheet.png").shape[:2] == (60 + GAP, 160 + 3 * GAP)
     with Image.open(tmp_path / "film.gif") as film:
         assert getattr(film, "n_frames", 1) == 50
+        assert film.info["duration"] == pytest.approx(125, abs=5)  # ms
 
 
 def test_a_run_can_be_rendered_from_its_file(folder: Path):

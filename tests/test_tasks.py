@@ -535,13 +535,16 @@ def test_the_last_rollout_is_rendered_to_frames(task_id: str) -> None:
     env = gym.make(task_id, render_mode="rgb_array_list")
     context, _ = env.reset()
     task: Task = env.unwrapped.task  # pyright: ignore[reportAttributeAccessIssue]
-    assert env.unwrapped.render() is None
-    env.step(task.demonstrate(context))
     try:
-        frames: Any = env.unwrapped.render()
+        first: Any = env.unwrapped.render()
     except RenderingUnavailableError as error:
         pytest.skip(str(error))
+    env.step(task.demonstrate(context))
+    frames: Any = env.unwrapped.render()
+    (begin,) = first
     assert len(frames) >= 25
+    assert begin.shape == frames[0].shape and np.abs(frames[0].astype(float) - begin).mean() < 10
+    assert len(frames) >= int(task.duration * env.metadata["render_fps"])
     assert all(f.shape == frames[0].shape and f.dtype == np.uint8 for f in frames)
     assert np.std(frames[0]) > 10, "the picture is not blank"
     assert any((f != frames[0]).any() for f in frames), "something moves"

@@ -1,7 +1,7 @@
 """`CMAES`: covariance matrix adaptation over a residual of what demonstrations teach (pycma)."""
 
 from dataclasses import replace
-from typing import ClassVar, Unpack, cast
+from typing import Any, ClassVar, Unpack, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,6 +97,9 @@ class CMAES(AdaptiveAlgorithm):
             self._context_step = self.context_std * cast(Demonstrations, shown).contexts.std(axis=0)
         if self.shaped > 0:
             self._mixing = spread_over_time(cast(Demonstrations, shown), self.shaped)
+
+    def _made_with(self) -> dict[str, Any]:
+        return super()._made_with() | {"n_bases": self.residual.n_bases}
 
     def _begin_generation(self) -> None:
         if self._n_updates == 0 and not self._has_learned:

@@ -1,6 +1,6 @@
 """`REPS`: episodic relative entropy policy search."""
 
-from typing import ClassVar, Literal, Unpack, cast
+from typing import Any, ClassVar, Literal, Unpack, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,6 +128,10 @@ class REPS(TrajectoryAlgorithm):
         if self.demonstrations is not None:
             shown = self.demonstrations
             self.policy.start_from_demonstrations(shown.contexts, shown.trajectories)
+
+    def _made_with(self) -> dict[str, Any]:
+        own = ("primitive", "n_bases", "pd_controller")
+        return super()._made_with() | {name: self.policy_kwargs[name] for name in own}
 
     # -- the search ----------------------------------------------------------------------------
 

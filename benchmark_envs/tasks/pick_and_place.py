@@ -8,8 +8,9 @@ anywhere on a field as well.
 
 import math
 from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -108,7 +109,6 @@ class PickAndPlaceTask(MujocoTask):
 
     Set-points are followed at most at the UR10's speed limits (120 degrees/s at base and shoulder,
     180 at the others); ``clipped`` tells where that, or the joints' range, held one back.
-    The film is three times faster than the rollout.
 
     >>> task = PickAndPlaceTask(n_threads=1)
     >>> heights = [0.06, 0.08]  # m; of object and tower
@@ -145,11 +145,19 @@ class PickAndPlaceTask(MujocoTask):
             low, high = (np.concatenate([p, p, h]) for p, h in zip(FIELD, (low, high), strict=True))
         self.context_space = spaces.Box(low.astype(np.float32), high.astype(np.float32))
         self.trajectory_space = spaces.Box(-JOINT_LIMIT, JOINT_LIMIT, (T, len(JOINTS)), np.float32)
-        self.spec = mujoco.MjSpec.from_file(str(Path(__file__).with_suffix(".xml")))
         super().__init__(self.spec.compile(), SUBSTEPS, n_threads)
         self._models = ContextCache(self._compile, CACHED_MODELS)
         _, minus_kp, minus_kv = self.model.actuator_biasprm[: len(JOINTS), :3].T
         self._lead = minus_kv / minus_kp  # s; then the servos follow a set-point's speed exactly
+
+    @cached_property
+    def spec(self) -> mujoco.MjSpec:
+        """The model's source, of which each context's model is compiled."""
+        return mujoco.MjSpec.from_file(str(Path(__file__).with_suffix(".xml")))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what another process or a copy needs: the source is read anew."""
+        return {name: value for name, value in self.__dict__.items() if name != "spec"}
 
     @property
     def reward_range(self) -> tuple[float, float]:

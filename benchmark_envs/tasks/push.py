@@ -93,7 +93,6 @@ class PushTask(MujocoTask):
     The path reward needs the expert, so `simulate` raises `TaskError` in a context that the expert
     cannot solve; the goal reward takes any.
 
-    Its film is five times faster than the rollout.
 
     >>> task = PushTask(reward="goal", n_threads=1)
     >>> held = task.initial_trajectory(task.targets[0])
@@ -113,7 +112,7 @@ class PushTask(MujocoTask):
     )
     tells_achievement: bool = True
     exploration_scale: ClassVar[tuple[float, ...]] = (0.1, 0.1, 0.1)
-    frame_every: ClassVar[float] = 4
+    frame_every: ClassVar[float] = 2
     #: numbered targets, shape (10, 2) in m, for `leave_one_out`
     targets: ClassVar[FloatArray] = TARGETS
 

@@ -54,7 +54,8 @@ def _table(task: str, kind: str, runs: pd.DataFrame, summary: pd.DataFrame) -> T
     unit = f" [{units[0]}]" if units else ""
     errors = errors_in(runs)
     counts = [name.removeprefix("error_") for name in errors]
-    published = [count for count in runs["published"] if count is not None]
+    allowed = runs["budget"].max()
+    published = [n for n in runs["published"] if n is not None and n <= allowed]
     header = (
         "algorithm",
         "runs",

@@ -25,8 +25,7 @@ PACKAGES = (
 
 def provenance() -> Provenance:
     """Return the commit of this code (None outside its repository), versions, platform and date."""
-    tracked = _git("ls-files", "--error-unmatch", Path(__file__).name) is not None
-    commit = _git("rev-parse", "HEAD") if tracked else None
+    commit = _git("rev-parse", "HEAD") if _is_own_repository() else None
     return Provenance(
         commit=commit,
         dirty=bool(_git("status", "--porcelain")) if commit else None,
@@ -36,6 +35,17 @@ def provenance() -> Provenance:
         started=datetime.now(UTC).isoformat(timespec="seconds"),
         machine=machine(),
     )
+
+
+def _is_own_repository() -> bool:
+    """Tell whether git tracks this file, in a repository that is this project's from its root on.
+
+    A copy inside another project belongs to a repository whose commits tell nothing about it.
+    """
+    root = _git("rev-parse", "--show-toplevel")
+    if root is None or Path(root).resolve() != Path(__file__).resolve().parents[2]:
+        return False
+    return _git("ls-files", "--error-unmatch", Path(__file__).name) is not None
 
 
 def _git(*arguments: str) -> str | None:

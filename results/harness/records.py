@@ -173,6 +173,12 @@ class Measurements:
     rollouts: dict[str, RolloutRecord] = field(default_factory=dict)
     more: dict[str, Any] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        """Check that the curve has rows."""
+        lengths = {len(column) for column in self.curve.values()}
+        if not self.curve.get("rollouts") or len(lengths) > 1:
+            raise ValueError("a curve without rollouts, or with columns of different lengths")
+
 
 @dataclass(frozen=True)
 class Provenance:

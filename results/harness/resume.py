@@ -1,11 +1,14 @@
 """Which runs of a suite are still to be done, and whether a folder can take them."""
 
-from collections.abc import Iterable
+import fcntl
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from results.exceptions import SettingsClashError
+from results.exceptions import BenchmarkError, SettingsClashError
 from results.harness.record_files import FAILED, read_records
 from results.harness.records import RunRecord, SpecificationRecord
 from results.harness.specification import RunSpecification
@@ -88,6 +91,27 @@ def clear(plan: Plan) -> int:
     for path in (*finished, *(failed_path(plan.folder, run) for run in plan.todo)):
         path.unlink(missing_ok=True)
     return n_finished
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Hold a folder of runs for this process alone; it is free again when the process ends.
+
+    :param folder: of the runs; it must exist
+    :raises BenchmarkError: another process does runs in it
+    """
+    held = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise BenchmarkError(
+                f"another process does runs in '{folder}' already; wait until it has ended, or "
+                "name another folder (--out)."
+            ) from error
+        yield
+    finally:
+        os.close(held)
 
 
 def check_comparable(folder: Path, record: RunRecord, runs: Iterable[RunSpecification]) -> None:

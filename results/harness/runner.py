@@ -18,7 +18,7 @@ from results.harness.protocol import OnRollouts
 from results.harness.provenance import provenance
 from results.harness.record_files import write_record
 from results.harness.records import ErrorRecord, Provenance, Result, RunRecord, Seconds
-from results.harness.resume import Plan, clear, failed_path, finished_path
+from results.harness.resume import Plan, alone_in, clear, failed_path, finished_path
 from results.harness.specification import RunSpecification
 from sb3_nmp import TrajectoryAlgorithm
 
@@ -165,12 +165,14 @@ def run_plan(
     :param plan: what is to be done; earlier results of these runs are removed first
     :param n_workers: processes; one per core by default
     :param counters: told how many rollouts each run has done
+    :raises BenchmarkError: another process does runs in the folder
     """
     plan.folder.mkdir(parents=True, exist_ok=True)
-    clear(plan)
-    origin = provenance()
-    jobs = (
-        delayed(run_and_write)(run, plan.folder, origin, counters and counters.writer(index))
-        for index, run in enumerate(plan.todo)
-    )
-    yield from in_processes(jobs, len(plan.todo), n_workers)
+    with alone_in(plan.folder):
+        clear(plan)
+        origin = provenance()
+        jobs = (
+            delayed(run_and_write)(run, plan.folder, origin, counters and counters.writer(index))
+            for index, run in enumerate(plan.todo)
+        )
+        yield from in_processes(jobs, len(plan.todo), n_workers)

@@ -127,11 +127,8 @@ class ACNMP(AdaptiveAlgorithm):
     # -- learning from demonstration (I) -------------------------------------------------------
 
     def pretrain(self) -> Self:
-        """Train the CNMP on the demonstrations (Eq. 4.1); `learn` does so first by itself.
-
-        :raises ConfigurationError: the model was loaded without its demonstrations
-        """
-        self.check_can_go_on()
+        """Train the CNMP on the demonstrations (Eq. 4.1); `learn` does so first by itself."""
+        self._recall_demonstrations()
         pretrain(self.training_set(), self.pretraining, self.rng, self.policy.cnmp)
         self.is_pretrained = True
         return self

@@ -45,14 +45,14 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
     Solutions that barely succeed teach a policy that often fails. Two settings leave it a margin:
     ``n_successes`` and ``reward_threshold``.
 
-    An algorithm that learns from the demonstrations again and again (``rehearses``) needs them to
-    go on after loading: ``load(path, env=env, demonstrations=demonstrations)``. What was
-    assimilated is the ``replay_buffer``, which `save_replay_buffer` writes apart.
+    An algorithm that learns from the demonstrations again and again (``rehearses``) keeps them in
+    its policy, so that a loaded model can go on. What was assimilated is the ``replay_buffer``,
+    which `save_replay_buffer` writes apart.
 
     :param population_size: rollouts per generation in each context that is searched; a multiple of
-        the number of environments
+        the number of environments, to which the default is rounded up
     :param max_generations: a search among drawn contexts ends after so many
-    :param demonstrations: of the expert. They are not saved with the model, only their digest
+    :param demonstrations: of the expert
     :param n_contexts: new contexts that are tried at once; None: ``population_size``
     :param reward_threshold: a rollout is satisfactory if it succeeds with at least this reward;
         None asks for success alone. Two values: a greedy rollout below the first one begins a
@@ -82,6 +82,7 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
         shown = check_type(shared.get("demonstrations"))
         self.demonstrations_digest = None if shown is None else shown.digest
         self.n_contexts = population_size if n_contexts is None else n_contexts
+        self._n_contexts_given = n_contexts is not None
         self.reward_threshold, self.max_generations = reward_threshold, max_generations
         self.n_successes = n_successes
         self.searches: list[ContextSearch] = []
@@ -141,9 +142,13 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
                 f"these demonstrations (digest {given.digest[:12]}) are not those that the model "
                 f"was made with ({known[:12] if known else 'none'})."
             )
+        if self.rehearses and given is not None:
+            self.policy.shown.take(given)
 
-    def _check_population(self, env: VecEnv) -> None:
-        super()._check_population(env)
+    def _fit_environments(self, env: VecEnv) -> None:
+        super()._fit_environments(env)
+        if not self._n_contexts_given:
+            self.n_contexts = self.population_size
         check_multiple("n_contexts", self.n_contexts, env.num_envs)
 
     def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
@@ -158,25 +163,13 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
             self._collected, self._generation_started = [], False
         super().set_env(env, force_reset)
 
-    def check_can_go_on(self) -> None:
-        """Raise if the demonstrations are missing that the model goes on learning from.
-
-        :raises ConfigurationError: the model was loaded without them
-        """
-        digest = self.demonstrations_digest
-        if self.rehearses and self.demonstrations is None and digest is not None:
-            raise ConfigurationError(
-                "a saved model does not hold its demonstrations; to go on learning, load it with "
-                f"{type(self).__name__}.load(path, env=env, demonstrations=demonstrations) (digest "
-                f"{digest[:12]})."
-            )
+    def _recall_demonstrations(self) -> None:
+        """Take the demonstrations of a loaded model from its policy, where it learns them again."""
+        if self.rehearses and self.demonstrations is None:
+            self.demonstrations = self.policy.shown.demonstrations()
 
     def training_set(self) -> Demonstrations:
-        """Return the demonstrations together with what was assimilated.
-
-        :raises ConfigurationError: the model was loaded without them
-        """
-        self.check_can_go_on()
+        """Return the demonstrations together with what was assimilated."""
         shown, found = cast(Demonstrations, self.demonstrations), self.replay_buffer
         return shown.joined_with(found.contexts, found.trajectories) if len(found) else shown
 
@@ -188,7 +181,7 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
         return self.population_size if self._proposals is None else len(self._proposals.searches)
 
     def _setup_learn(self, *args: Any, **kwargs: Any) -> tuple[int, Any]:  # noqa: ANN401
-        self.check_can_go_on()
+        self._recall_demonstrations()
         return super()._setup_learn(*args, **kwargs)
 
     def _begin_generation(self) -> None:
@@ -208,7 +201,7 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
         env = cast(VecEnv, self.env)
         drawn = [np.array(self._last_obs, np.float32)]
         while sum(map(len, drawn)) < max(2, self.n_contexts):
-            drawn.append(np.array(env.reset(), np.float32))
+            drawn.append(self._reset(env))
         self._last_obs = drawn[-1]
         return np.concatenate(drawn)
 

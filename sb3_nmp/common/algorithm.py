@@ -4,53 +4,48 @@ An algorithm of this kind works in generations: it draws what the next generatio
 a trajectory for each member once the member's context is known, and learns from the outcome.
 """
 
-import sys
-import time
 from abc import abstractmethod
 from typing import Any, ClassVar, Self, Unpack, cast
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
+from stable_baselines3.common.base_class import maybe_make_env
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback, Schedule
-from stable_baselines3.common.utils import safe_mean
 from stable_baselines3.common.vec_env import VecEnv
 
-from sb3_nmp.common import environment
-from sb3_nmp.common.arguments import SB3Arguments, check_names, check_policy, complete
+from sb3_nmp.common import environment, stream
+from sb3_nmp.common.argument_types import check_types
+from sb3_nmp.common.arguments import SB3Arguments, check_names, check_policy, check_seed, complete
 from sb3_nmp.common.demonstrations import Demonstrations, check_type
 from sb3_nmp.common.environment import Scale
 from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.logs import write_log
 from sb3_nmp.common.policies import TrajectoryPolicy
+from sb3_nmp.common.resumable import ResumableAlgorithm, warn_of_dropped
 from sb3_nmp.common.rollouts import Generation, Information
-from sb3_nmp.common.saving import SafeFiles
 from sb3_nmp.common.settings import Rules, check_rules
 
-FOR_BANDITS: dict[str, Any] = {
-    "support_multi_env": True,
-    "supported_action_spaces": (spaces.Box,),
-}
 
-
-class TrajectoryAlgorithm(SafeFiles):
+class TrajectoryAlgorithm(ResumableAlgorithm):
     """Base class of the algorithms that search a trajectory for a contextual bandit.
 
     One SB3 timestep is one rollout, which is one episode. A generation may be cut by the end of
     ``learn`` or by a callback, and goes on where it stopped in the next ``learn`` or after
-    ``save`` and ``load``: interrupted and resumed runs equal uninterrupted ones where the context
-    is fixed. All randomness of an algorithm comes from its own generator ``rng``.
+    ``save`` and ``load``: interrupted and resumed runs equal uninterrupted ones
+    (`ResumableAlgorithm`). All randomness of an algorithm comes from its own generator ``rng``.
 
     A subclass supplies `_begin_generation`, `_propose` and `_end_generation`. Its constructor names
-    the arguments that are its own, and passes on the others as ``**shared``
-    (`sb3_nmp.common.arguments`).
+    its own arguments, and passes on the others as ``**shared`` (`sb3_nmp.common.arguments`).
 
     :param policy: the policy's class, or ``"MlpPolicy"``
     :param env: the environment or its id; T x D trajectories as actions, contexts as observations
-    :param population_size: rollouts per generation; a multiple of the number of environments
+    :param population_size: rollouts per generation; a multiple of the number of environments, to
+        which the default is rounded up
     :param learning_rate: of the gradient-based parts, or a schedule of it
-    :param demonstrations: of an expert. They are not saved with the model
+    :param demonstrations: of an expert
     :param exploration_scale: standard deviation of the first trajectories that are tried, in the
         trajectory's unit, one value or one per dimension; None takes the environment's
         ``exploration_scale``
@@ -77,7 +72,10 @@ class TrajectoryAlgorithm(SafeFiles):
         """
         del args
         check_names(cls, kwargs)
-        return super().__new__(cls)
+        check_types(cls, kwargs)
+        made = super().__new__(cls)
+        made._population_given = "population_size" in kwargs
+        return made
 
     def __init__(
         self,
@@ -93,8 +91,15 @@ class TrajectoryAlgorithm(SafeFiles):
         **shared: Unpack[SB3Arguments],
     ) -> None:
         check_policy(type(self), policy)
+        check_seed(shared.get("seed"))
         environment.check_env_id(env)
-        super().__init__(policy, env, learning_rate, device=device, **FOR_BANDITS, **shared)
+        env = cast(GymEnv, maybe_make_env(env, shared.get("verbose", 0)))
+        if env is not None:  # SB3 would fail an assertion
+            environment.check_spaces(env.action_space, env.observation_space, type(self).__name__)
+        chosen = self.policy_aliases[policy] if isinstance(policy, str) else policy
+        super().__init__(
+            chosen, env, learning_rate, device=device, support_multi_env=True, **shared
+        )
         self.population_size, self.exploration_scale = population_size, exploration_scale
         self.demonstrations, self._was_shown = check_type(demonstrations), bool(demonstrations)
         self.rng = np.random.default_rng(self.seed)
@@ -132,7 +137,9 @@ class TrajectoryAlgorithm(SafeFiles):
 
     def _rules(self) -> Rules:
         """Return the rules that the settings must fit."""
-        return {}
+        rate = self.learning_rate
+        usable = callable(rate) or (np.isfinite(rate) and rate >= 0)
+        return {"learning_rate": (bool(usable), "finite and >= 0, or a schedule of such values")}
 
     @property
     def generation_size(self) -> int:
@@ -150,14 +157,16 @@ class TrajectoryAlgorithm(SafeFiles):
     # -- set-up --------------------------------------------------------------------------------
 
     def _setup_model(self) -> None:
-        check_rules(self, self._rules())
+        check_rules(self, {**TrajectoryAlgorithm._rules(self), **self._rules()})
         self._setup_lr_schedule()
         self.set_random_seed(self.seed)
         if self.env is not None:
-            self._check_population(self.env)
-        environment.check_spaces(self.action_space, self.observation_space, type(self).__name__)
+            self._fit_environments(self.env)
         self._check_scale("exploration_scale")
-        self.policy = cast(type[TrajectoryPolicy], self.policy_class)(
+        policy_class = cast(type[TrajectoryPolicy], self.policy_class)
+        check_names(policy_class, self.policy_kwargs)
+        check_types(policy_class, self.policy_kwargs)
+        self.policy = policy_class(
             self.observation_space, self.action_space, self.lr_schedule, **self.policy_kwargs
         )
         self.policy = self.policy.to(self.device)
@@ -170,7 +179,11 @@ class TrajectoryAlgorithm(SafeFiles):
             n_dimensions = cast(spaces.Box, self.action_space).shape[1]
             environment.check_scale(name, getattr(self, name), n_dimensions)
 
-    def _check_population(self, env: VecEnv) -> None:
+    def _fit_environments(self, env: VecEnv) -> None:
+        """Round a default population up to the environments, and check that they can be used."""
+        environment.check_unnormalised(env)
+        if not self._population_given:
+            self.population_size = environment.rounded_up(self.population_size, env.num_envs)
         environment.check_multiple("the population", self.population_size, env.num_envs)
 
     def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
@@ -181,7 +194,7 @@ class TrajectoryAlgorithm(SafeFiles):
         :raises ConfigurationError: the population does not fit the number of environments
         """
         super().set_env(env, force_reset)
-        self._check_population(cast(VecEnv, self.env))
+        self._fit_environments(cast(VecEnv, self.env))
 
     def initial_trajectory(self) -> NDArray[np.float64]:
         """Return the environment's naive trajectory for the current context, shape (T, D)."""
@@ -227,13 +240,8 @@ class TrajectoryAlgorithm(SafeFiles):
         :raises ConfigurationError: the budget does not allow a single step of the environments
         """
         env = cast(VecEnv, self.env)
-        if total_timesteps < env.num_envs:
-            raise ConfigurationError(
-                f"total_timesteps is {total_timesteps}, but one step of {env.num_envs} parallel "
-                f"environments spends {env.num_envs} rollouts; give at least that."
-            )
         total_timesteps, callback = self._setup_learn(
-            total_timesteps,
+            environment.check_budget(total_timesteps, env.num_envs),
             callback,
             reset_num_timesteps,
             tb_log_name or type(self).__name__,
@@ -272,12 +280,12 @@ class TrajectoryAlgorithm(SafeFiles):
 
         :return: False if a callback asks to stop
         """
+        n_envs, space = env.num_envs, cast(spaces.Box, self.action_space)
+        self._drop_what_does_not_fit(n_envs)
         if not self._generation_started:
             self._begin_generation()
             self._generation_started = True
         callback.on_rollout_start()
-        space = cast(spaces.Box, self.action_space)
-        n_envs = env.num_envs
         while (
             self._n_collected < self.generation_size
             and self.num_timesteps + n_envs <= total_timesteps
@@ -286,6 +294,7 @@ class TrajectoryAlgorithm(SafeFiles):
             contexts = self._show_contexts(env, members)
             proposed = self._propose(members, contexts)
             actions = np.clip(proposed, space.low, space.high).astype(np.float32)
+            self._before_reset = stream.generator_states(env)
             new_obs, rewards, dones, infos = env.step(actions)
             if not dones.all():
                 raise ConfigurationError(
@@ -293,7 +302,8 @@ class TrajectoryAlgorithm(SafeFiles):
                     "trajectory bandits, where one step executes a whole trajectory and ends the "
                     "episode."
                 )
-            rollouts = Generation.from_step(contexts, actions, rewards, infos)
+            own = environment.rewards_of(env, rewards)
+            rollouts = Generation.from_step(contexts, actions, own, infos)
             self._collected.append(rollouts)
             self._observe(rollouts)
             self._last_obs = cast(NDArray[np.float32], new_obs)
@@ -305,6 +315,18 @@ class TrajectoryAlgorithm(SafeFiles):
         callback.on_rollout_end()
         return True
 
+    def _drop_what_does_not_fit(self, n_envs: int) -> None:
+        """Begin a generation anew whose rest cannot be shared out among the environments.
+
+        That is so where another number of them was given in the middle of a generation.
+        """
+        done, size = self._n_collected, self.generation_size
+        if not self._generation_started or (size - done) % n_envs == 0:
+            return
+        self._collected, self._generation_started = [], False
+        if done:
+            warn_of_dropped(done, size, n_envs)
+
     def _show_contexts(self, env: VecEnv, members: slice) -> NDArray[np.float32]:
         """Return the contexts that the environments are in, after asking for those wanted.
 
@@ -314,14 +336,7 @@ class TrajectoryAlgorithm(SafeFiles):
         """
         wanted = self._wanted_contexts(members)
         if wanted is not None and not np.array_equal(np.asarray(self._last_obs), wanted):
-            env.set_options([{"context": context} for context in wanted])
-            self._last_obs = cast(NDArray[np.float32], env.reset())
-            if not np.allclose(self._last_obs, wanted, atol=1e-5):
-                raise ConfigurationError(
-                    f"{type(self).__name__} asked the environments for the context "
-                    f"{wanted[0].tolist()} and got {np.asarray(self._last_obs)[0].tolist()}: their "
-                    "reset must take options={'context': c}, or pin the context."
-                )
+            self._last_obs = environment.ask_contexts(env, wanted, type(self).__name__)
         return np.array(self._last_obs, np.float32)
 
     def dump_logs(self, iteration: int = 0) -> None:
@@ -329,19 +344,7 @@ class TrajectoryAlgorithm(SafeFiles):
 
         :param iteration: generations in this call of ``learn``
         """
-        elapsed = max((time.time_ns() - self.start_time) / 1e9, sys.float_info.epsilon)
-        self.logger.record("time/iterations", iteration, exclude="tensorboard")
-        if self.ep_info_buffer:
-            for name, key in (("ep_rew_mean", "r"), ("ep_len_mean", "l")):
-                mean = safe_mean([info[key] for info in self.ep_info_buffer])
-                self.logger.record(f"rollout/{name}", mean)
-        if self.ep_success_buffer:
-            self.logger.record("rollout/success_rate", safe_mean(list(self.ep_success_buffer)))
-        spent = self.num_timesteps - self._num_timesteps_at_start
-        self.logger.record("time/fps", int(spent / elapsed))
-        self.logger.record("time/time_elapsed", int(elapsed), exclude="tensorboard")
-        self.logger.record("time/total_timesteps", self.num_timesteps, exclude="tensorboard")
-        self.logger.dump(step=self.num_timesteps)
+        write_log(self, iteration)
 
 
 complete(TrajectoryAlgorithm)

@@ -101,6 +101,19 @@ def check_policy(cls: type[BaseAlgorithm], policy: object) -> None:
         )
 
 
+def check_seed(seed: int | None) -> None:
+    """Raise for a seed that NumPy's generators do not take.
+
+    :param seed: any, or None
+    :raises ConfigurationError: it is below 0 or above 2^32 - 1
+    """
+    if seed is not None and not 0 <= seed < 2**32:
+        raise ConfigurationError(
+            f"seed is {seed}; it must be in [0, {2**32 - 1}], or None for a run that cannot be "
+            "repeated."
+        )
+
+
 def _passed_on(cls: type) -> type | None:
     """Return the typed dictionary of the constructor's ``**shared``; None where it has none."""
     init = cls.__dict__.get("__init__")

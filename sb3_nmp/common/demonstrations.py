@@ -1,6 +1,7 @@
 """`Demonstrations`: what an expert showed, checked once and never changed."""
 
 import hashlib
+import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -219,10 +220,12 @@ class Demonstrations:
         try:
             arrays = read_arrays(path, FILE_KEYS)
         except FileFormatError as error:
+            is_zip = not isinstance(path, str | PathLike) or zipfile.is_zipfile(path)
+            why = error if is_zip else "it is no .npz file"  # NumPy would speak of pickles
             raise FileFormatError(
                 f"{path} does not hold demonstrations (.npz with the arrays "
                 f"{' and '.join(FILE_KEYS)}; others are read by from_csv, from_minari and "
-                f"from_lerobot): {error}"
+                f"from_lerobot): {why}."
             ) from error
         return cls(*arrays)
 

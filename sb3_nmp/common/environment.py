@@ -1,10 +1,13 @@
 """What an algorithm asks of an environment, and the messages for one that does not fit."""
 
+from numbers import Real
+from typing import cast
+
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env import VecEnv, unwrap_vec_normalize
 
 from sb3_nmp.common.exceptions import ConfigurationError, InvalidDataError
 
@@ -40,16 +43,87 @@ def check_spaces(action: gym.Space, observation: gym.Space, algorithm: str) -> N
     :param algorithm: its name, for the message
     :raises ConfigurationError: they are not
     """
-    if len(action.shape or ()) != 2:
+    if not isinstance(action, spaces.Box) or len(action.shape) != 2:
         raise ConfigurationError(
-            f"the action space has shape {action.shape}; {algorithm} answers with "
-            "whole trajectories and needs (T, D): T time points, D dimensions."
+            f"the action space is {action}, of shape {action.shape}; {algorithm} answers with "
+            "whole trajectories and needs (T, D): a Box of T time points, D dimensions."
         )
     if not isinstance(observation, spaces.Box) or len(observation.shape) != 1:
         raise ConfigurationError(
             f"the observation space is {observation}; {algorithm} needs a Box of "
             "shape (C,): the context."
         )
+    for name, space in (("action", action), ("observation", observation)):
+        box = cast(spaces.Box, space)
+        if not (np.isfinite(box.low).all() and np.isfinite(box.high).all()):
+            raise ConfigurationError(
+                f"the {name} space is {box}, which has no bounds; {algorithm} draws and scales "
+                "inside finite ones. Say how far values can go: wrap the environment so that its "
+                f"{name}_space is a Box with finite low and high."
+            )
+
+
+def check_unnormalised(env: VecEnv | None) -> None:
+    """Raise if contexts come normalised by statistics that change from episode to episode.
+
+    :param env: any, or None
+    :raises ConfigurationError: it is, or wraps, a VecNormalize with ``norm_obs=True``
+    """
+    normalised = None if env is None else unwrap_vec_normalize(env)
+    if normalised is not None and normalised.norm_obs:
+        raise ConfigurationError(
+            "VecNormalize has norm_obs=True: the same context would look different in each "
+            "episode, and one that is asked for could not be sent to reset. Networks and "
+            "regressions here scale contexts by themselves: give VecNormalize(env, norm_obs=False)."
+        )
+
+
+def rewards_of(env: VecEnv, rewards: FloatArray) -> FloatArray:
+    """Return the environments' own rewards, which VecNormalize changes, shape (n,).
+
+    Algorithms compare the rewards of all their rollouts, and VecNormalize's unit changes. They are
+    in single precision, as DummyVecEnv keeps them, so that SubprocVecEnv gives the same bits.
+
+    :param env: that was just stepped
+    :param rewards: which it returned
+    """
+    normalised = unwrap_vec_normalize(env)
+    if normalised is not None and normalised.norm_reward:
+        rewards = cast(FloatArray, normalised.get_original_reward())
+    return np.asarray(rewards, np.float32).astype(np.float64)
+
+
+def rounded_up(value: int, n_envs: int) -> int:
+    """Return the least multiple of the number of environments that is at least a number.
+
+    >>> rounded_up(3, 4), rounded_up(8, 4)
+    (4, 8)
+
+    :param value: the number
+    :param n_envs: of parallel environments
+    """
+    return -(-value // n_envs) * n_envs
+
+
+def check_budget(total_timesteps: object, n_envs: int) -> int:
+    """Return a budget as a whole number.
+
+    :param total_timesteps: rollouts; a float such as ``1e4`` will do
+    :param n_envs: of parallel environments
+    :raises ConfigurationError: it is no whole number, or does not allow a single step
+    """
+    whole = isinstance(total_timesteps, Real) and float(total_timesteps).is_integer()
+    if not whole:
+        raise ConfigurationError(
+            f"total_timesteps is {total_timesteps!r}; it must be a whole number of rollouts."
+        )
+    budget = int(cast(float, total_timesteps))
+    if budget < n_envs:
+        raise ConfigurationError(
+            f"total_timesteps is {budget}, but one step of {n_envs} parallel "
+            f"environments spends {n_envs} rollouts; give at least that."
+        )
+    return budget
 
 
 def check_multiple(name: str, value: int, n_envs: int) -> None:
@@ -90,10 +164,9 @@ def initial_trajectory(env: VecEnv, space: spaces.Box) -> FloatArray:
         middle of the action space
     :param space: of the actions
     """
-    try:
+    if env.has_attr("initial_trajectory"):
         return np.asarray(env.env_method("initial_trajectory", indices=[0])[0], np.float64)
-    except AttributeError:
-        return (space.low.astype(np.float64) + space.high) / 2
+    return (space.low.astype(np.float64) + space.high) / 2
 
 
 def initial_trajectories(env: VecEnv, space: spaces.Box) -> FloatArray:
@@ -102,10 +175,9 @@ def initial_trajectories(env: VecEnv, space: spaces.Box) -> FloatArray:
     :param env: read as by `initial_trajectory`
     :param space: of the actions
     """
-    try:
+    if env.has_attr("initial_trajectory"):
         return np.asarray(env.env_method("initial_trajectory"), np.float64)
-    except AttributeError:
-        return np.repeat(initial_trajectory(env, space)[None], env.num_envs, axis=0)
+    return np.repeat(initial_trajectory(env, space)[None], env.num_envs, axis=0)
 
 
 def tells_achievement(env: VecEnv) -> bool:
@@ -113,10 +185,7 @@ def tells_achievement(env: VecEnv) -> bool:
 
     :param env: read by its attribute ``tells_achievement``; without one, it does not
     """
-    try:
-        return bool(env.get_attr("tells_achievement", indices=[0])[0])
-    except AttributeError:
-        return False
+    return env.has_attr("tells_achievement") and bool(env.get_attr("tells_achievement", [0])[0])
 
 
 def check_tells_achievement(env: VecEnv) -> None:
@@ -157,7 +226,25 @@ def exploration_scale(env: VecEnv, space: spaces.Box) -> FloatArray:
         the action space's range
     :param space: of the actions
     """
-    try:
+    if env.has_attr("exploration_scale"):
         return np.asarray(env.get_attr("exploration_scale", indices=[0])[0], np.float64)
-    except AttributeError:
-        return (space.high.astype(np.float64) - space.low).mean(axis=0) / 10
+    return (space.high.astype(np.float64) - space.low).mean(axis=0) / 10
+
+
+def ask_contexts(env: VecEnv, wanted: NDArray[np.float32], algorithm: str) -> NDArray[np.float32]:
+    """Reset the environments in given contexts; return these as they are observed, shape (n, C).
+
+    :param env: the environments
+    :param wanted: one for each, shape (n, C)
+    :param algorithm: its name, for the message
+    :raises ConfigurationError: they do not take the reset option ``context``
+    """
+    env.set_options([{"context": context} for context in wanted])
+    observed = cast(NDArray[np.float32], env.reset())
+    if not np.allclose(observed, wanted, atol=1e-5):
+        raise ConfigurationError(
+            f"{algorithm} asked the environments for the context {wanted[0].tolist()} and got "
+            f"{np.asarray(observed)[0].tolist()}: their reset must take options={{'context': c}}, "
+            "or pin the context."
+        )
+    return observed

@@ -31,3 +31,7 @@ class ViaPointWarning(UserWarning):
 
 class ContextWarning(UserWarning):
     """A context lies outside the observation space, so that the answer is an extrapolation."""
+
+
+class ResumeWarning(UserWarning):
+    """A run does not go on exactly where the saved one stopped."""

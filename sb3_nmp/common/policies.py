@@ -14,8 +14,14 @@ from stable_baselines3.common.utils import ConstantSchedule, get_device
 
 from sb3_nmp.common import files
 from sb3_nmp.common.elites import EliteMemory
-from sb3_nmp.common.exceptions import ConfigurationError, ContextWarning, UnsafeFileError
+from sb3_nmp.common.exceptions import (
+    ConfigurationError,
+    ContextWarning,
+    InvalidDataError,
+    UnsafeFileError,
+)
 from sb3_nmp.common.repertoire import Repertoire
+from sb3_nmp.common.shown import ShownDemonstrations
 
 
 class TrajectoryPolicy(BasePolicy):
@@ -114,9 +120,16 @@ class TrajectoryPolicy(BasePolicy):
 
         :param observation: context of shape (C,), or (N, C), of any precision
         :return: float32, shape (N, C)
+        :raises InvalidDataError: a value that is not finite
         """
         observed, vectorized = super().obs_to_tensor(observation)
         contexts = cast(th.Tensor, observed).float()
+        if not contexts.isfinite().all():
+            row = int((~contexts.isfinite().all(dim=1)).nonzero()[0])
+            raise InvalidDataError(
+                f"context {contexts[row].tolist()} holds a value that is not finite; give "
+                f"{self.context_dim} finite numbers."
+            )
         self._warn_of_contexts(contexts.cpu().numpy())
         return contexts, vectorized
 
@@ -160,6 +173,7 @@ class ElitePolicy(TrajectoryPolicy):
         self.elites = EliteMemory(self.context_dim, self.trajectory_shape)
         self.ways = EliteMemory(1, self.trajectory_shape)  # by number instead of context
         self.repertoire = Repertoire(self.context_dim, self.trajectory_shape)
+        self.shown = ShownDemonstrations(self.context_dim, self.trajectory_shape)
 
     @abstractmethod
     def generalise(self, contexts: th.Tensor, deterministic: bool = True) -> th.Tensor:

@@ -5,7 +5,7 @@ subclass supplies offspring before they are mutated, and may judge what they pro
 """
 
 from abc import abstractmethod
-from typing import Unpack, cast
+from typing import Any, Unpack, cast
 
 import numpy as np
 from gymnasium import spaces
@@ -147,7 +147,11 @@ class PopulationSearch(SkillSearch):
 
     def _empty_buffer(self) -> TrajectoryBuffer:
         shape = self.policy.trajectory_shape
-        return TrajectoryBuffer(self.policy.context_dim, shape, self.buffer_size, self.n_elites)
+        capacity = None if self._varies else self.buffer_size
+        return TrajectoryBuffer(self.policy.context_dim, shape, capacity, self.n_elites)
+
+    def _made_with(self) -> dict[str, Any]:
+        return super()._made_with() | {"n_modes": self._niches.n_modes}
 
     @property
     def initial(self) -> NDArray[np.float64]:

@@ -19,6 +19,7 @@ from sb3_nmp.common.buffered import BufferedAlgorithm
 from sb3_nmp.common.contextual import ContextualExploration, ContextualSearch, Experience, Skill
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.elites import SAME_CONTEXT
+from sb3_nmp.common.files import AnyPath
 from sb3_nmp.common.policies import ElitePolicy
 from sb3_nmp.common.rollouts import Generation, Information
 
@@ -88,7 +89,7 @@ class SkillSearch(BufferedAlgorithm):
         env = cast(VecEnv, self.env)
         drawn = [np.array(self._last_obs, np.float32)]
         if len(drawn[0]) < 2:
-            drawn.append(np.array(env.reset(), np.float32))
+            drawn.append(self._reset(env))
         self._last_obs = drawn[-1]
         self._varies = bool(np.any(np.ptp(np.concatenate(drawn), axis=0) > SAME_CONTEXT))
         if self._varies:
@@ -107,7 +108,7 @@ class SkillSearch(BufferedAlgorithm):
         contexts: list[NDArray[np.float32]] = []
         initial: list[NDArray[np.float64]] = []
         while len(contexts) < 2 * (1 + self.policy.context_dim):
-            contexts.extend(np.array(env.reset(), np.float32))
+            contexts.extend(self._reset(env))
             initial.extend(environment.initial_trajectories(env, space))
         self._skill.space.begin(np.stack(contexts), np.stack(initial), self.first_scale())
         self._last_obs = np.stack(contexts[-env.num_envs :])
@@ -182,14 +183,15 @@ class SkillSearch(BufferedAlgorithm):
         skill.learn(experience, th.Generator().manual_seed(seed))
         search.learned_from = len(buffer)
 
-    def load_replay_buffer(self, path: str) -> None:
+    def load_replay_buffer(self, path: AnyPath, truncate_last_traj: bool = True) -> None:
         """Read a replay buffer; its rollouts are remembered as elites too.
 
         :param path: of a file that `save_replay_buffer` wrote
+        :param truncate_last_traj: without effect, see `BufferedAlgorithm`
         :raises FileFormatError: it is not such a file
         :raises InvalidDataError: its rollouts do not fit the environment
         """
-        super().load_replay_buffer(path)
+        super().load_replay_buffer(path, truncate_last_traj)
         buffer = self.replay_buffer
         self.policy.elites.update(
             buffer.contexts, buffer.trajectories, buffer.rewards, buffer.successes

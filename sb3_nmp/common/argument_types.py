@@ -1,0 +1,91 @@
+"""Arguments of a wrong type are refused when they are given, not when they are first used."""
+
+import inspect
+import types
+from collections.abc import Mapping
+from numbers import Integral, Real
+from typing import Any, Literal, Union, get_args, get_origin
+
+import numpy as np
+
+from sb3_nmp.common.exceptions import ConfigurationError
+
+#: of arguments that have checks and messages of their own
+CHECKED_ELSEWHERE = ("policy", "env", "demonstrations", "device", "policy_kwargs")
+
+
+def check_types(cls: type, given: Mapping[str, Any]) -> None:
+    """Raise unless arguments of a constructor are of the types that it declares.
+
+    >>> from sb3_nmp import RCNMP
+    >>> check_types(RCNMP, {"mutation": 0.1})
+    Traceback (most recent call last):
+        ...
+    sb3_nmp.common.exceptions.ConfigurationError: mutation is 0.1; it must be a SmoothNoise or None.
+
+    :param cls: the class
+    :param given: arguments by name
+    :raises ConfigurationError: one is of another type
+    """
+    parameters = inspect.signature(cls).parameters
+    for name, value in given.items():
+        if name not in parameters or name in CHECKED_ELSEWHERE:
+            continue
+        declared = parameters[name].annotation
+        if not fits(value, declared):
+            raise ConfigurationError(f"{name} is {value!r}; it must be {in_words(declared)}.")
+
+
+def fits(value: object, declared: Any) -> bool:  # noqa: ANN401
+    """Tell whether a value is of a declared type; True for types that are not known here.
+
+    >>> fits(3, int), fits("3", int), fits((1.0, 2), tuple[float, ...]), fits(None, int | None)
+    (True, False, True, True)
+
+    :param value: any
+    :param declared: an annotation
+    """
+    origin, arguments = get_origin(declared), get_args(declared)
+    if origin in (Union, types.UnionType):
+        return any(fits(value, each) for each in arguments)
+    if origin is Literal:
+        return value in arguments if isinstance(value, str) else False
+    if origin is tuple:
+        return isinstance(value, tuple | list | np.ndarray) and all(
+            fits(each, arguments[0]) for each in value
+        )
+    if declared is None or declared is type(None):
+        return value is None
+    if declared in (int, float):
+        return isinstance(value, Integral if declared is int else Real)
+    if declared is bool:
+        return isinstance(value, bool | np.bool_)
+    if origin is not None:  # a schedule, or another callable
+        return callable(value)
+    return isinstance(value, declared) if isinstance(declared, type) else True
+
+
+def in_words(declared: Any) -> str:  # noqa: ANN401
+    """Say what a declared type asks for.
+
+    >>> in_words(int | None), in_words(Literal["a", "b"]), in_words(float | tuple[float, ...])
+    ('a whole number or None', "'a' or 'b'", 'a number or a tuple of numbers')
+
+    :param declared: an annotation
+    """
+    origin, arguments = get_origin(declared), get_args(declared)
+    if origin in (Union, types.UnionType):
+        return " or ".join(in_words(each) for each in arguments)
+    if origin is Literal:
+        return " or ".join(map(repr, arguments))
+    if origin is tuple:
+        number = "" if arguments[-1] is Ellipsis else f"{len(arguments)} "
+        return f"a tuple of {number}numbers"
+    if declared is None or declared is type(None):
+        return "None"
+    known = {int: "a whole number", float: "a number", bool: "True or False", str: "a text"}
+    if declared in known:
+        return known[declared]
+    if origin is not None:
+        return "a function (a schedule)"
+    return f"a {getattr(declared, '__name__', declared)}"

@@ -1,0 +1,131 @@
+"""`ResumableAlgorithm`: a run that was saved and loaded goes on as if nothing had happened."""
+
+import inspect
+import warnings
+from typing import Any, Self
+
+import numpy as np
+import torch as th
+from numpy.typing import NDArray
+from stable_baselines3.common.type_aliases import GymEnv
+from stable_baselines3.common.vec_env import VecEnv
+
+from sb3_nmp.common import stream
+from sb3_nmp.common.argument_types import check_types
+from sb3_nmp.common.arguments import check_names
+from sb3_nmp.common.exceptions import ConfigurationError, ResumeWarning
+from sb3_nmp.common.saving import SafeFiles
+
+#: under which names SB3 keeps arguments
+ATTRIBUTES = {"stats_window_size": "_stats_window_size"}
+
+
+class ResumableAlgorithm(SafeFiles):
+    """Saves with a model where its environments stand in their streams of contexts.
+
+    So a run that was interrupted, and loaded in another process, executes the very rollouts of an
+    uninterrupted one, bit for bit, whether the context is pinned or drawn. The environment must
+    draw at random in its reset alone, from Gymnasium's ``np_random``; and a replay buffer, which is
+    a file of its own as in SB3, must be loaded too.
+    """
+
+    #: of the file that the model was loaded from, until `learn` has gone on from there
+    _stream: stream.Stream | None = None
+    #: whether the user chose a population, which is not rounded up then
+    _population_given: bool = False
+    #: generators of the environments before their last reset; None where that seeded them
+    _before_reset: list[stream.State] | None = None
+
+    def _reset(self, env: VecEnv) -> NDArray[np.float32]:
+        """Reset the environments; return the contexts that they draw, shape (n_envs, C).
+
+        :param env: the environments
+        """
+        self._before_reset = stream.generator_states(env)
+        return np.array(env.reset(), np.float32)
+
+    def _setup_learn(self, *args: Any, **kwargs: Any) -> tuple[int, Any]:  # noqa: ANN401
+        if self._stream is not None and self.env is not None:
+            self._last_obs = stream.resume(self.env, self._stream)
+            fits = len(self._stream["now"] or ()) == self.env.num_envs
+            self._before_reset = self._stream["before"] if fits else None
+            self._stream = None
+        waiting = self._last_obs
+        ready = super()._setup_learn(*args, **kwargs)
+        if self._last_obs is not waiting:  # SB3 has reset the environments
+            self._before_reset = None
+        return ready
+
+    def _excluded_save_params(self) -> list[str]:
+        return [*super()._excluded_save_params(), "_before_reset"]
+
+    def save(self, path: Any, *args: Any, **kwargs: Any) -> None:  # noqa: ANN401
+        """Write the model to a zip file; see SB3.
+
+        :param path: of the file
+        :param args: see SB3
+        :param kwargs: see SB3
+        """
+        loaded = self._stream
+        if loaded is None and self.env is not None and self._last_obs is not None:
+            now = stream.generator_states(self.env)
+            self._stream = {"before": self._before_reset, "now": now}
+        try:
+            super().save(path, *args, **kwargs)
+        finally:
+            self._stream = loaded
+
+    @classmethod
+    def load(
+        cls,
+        path: Any,  # noqa: ANN401
+        env: GymEnv | None = None,
+        device: th.device | str = "cpu",
+        *args: Any,  # noqa: ANN401
+        **changes: Any,  # noqa: ANN401
+    ) -> Self:
+        """Read a model from a zip file; see SB3.
+
+        :param path: of the file
+        :param env: to go on in; not needed for `predict`
+        :param device: of the policy; the constructor's default
+        :param args: see SB3
+        :param changes: arguments of SB3's ``load``, and of the constructor those to be changed
+        :raises UnknownArgumentError: there is none of that name
+        :raises ConfigurationError: one of a wrong type, or one that can no longer be changed
+        """
+        of_load = inspect.signature(super().load).parameters
+        given = {name: value for name, value in changes.items() if name not in of_load}
+        check_names(cls, given)
+        check_types(cls, given)
+        changes |= {ATTRIBUTES[name]: value for name, value in given.items() if name in ATTRIBUTES}
+        if "population_size" in given:
+            changes["_population_given"] = True
+        model = super().load(path, env, device, *args, **changes)
+        for name, value in model._made_with().items():
+            if given.get(name, value) != value:
+                raise ConfigurationError(
+                    f"{name} is {given[name]!r}, but the model was made with {value!r}, which can "
+                    "no longer be changed: leave it out, or train a new model."
+                )
+        return model
+
+    def _made_with(self) -> dict[str, Any]:
+        """Return the constructor's arguments that no loading can change, with their values."""
+        return {}
+
+
+def warn_of_dropped(done: int, size: int, n_envs: int) -> None:
+    """Warn that a generation begins anew.
+
+    :param done: rollouts of it that were done
+    :param size: of the generation
+    :param n_envs: environments, among which its rest cannot be shared out
+    """
+    warnings.warn(
+        f"{done} of {size} rollouts of a generation were done, and its rest cannot be shared out "
+        f"among {n_envs} environments: it begins anew, without them. Go on with as many "
+        "environments as before to lose none.",
+        ResumeWarning,
+        stacklevel=5,
+    )
