@@ -1,9 +1,12 @@
 """Methods from elsewhere that ours are compared with, with the interface of Stable-Baselines3."""
 
 from baselines.bayesian import BO, BOPolicy
+from baselines.bayesopt import LogEI, TuRBO
 from baselines.cmaes import CMAES, ResidualPolicy
+from baselines.contextual import ContextualCMAES, ContextualGaussianPolicy, ContextualREPS
 from baselines.dreps import DREPS
 from baselines.ga import GA, GAPolicy
+from baselines.primitive_search import StartPolicy
 from baselines.primitives import DMP, PDFiltered, Primitive, ProMP, Response, WeightDistribution
 from baselines.promp_rl import (
     EwertonProMPRL,
@@ -13,6 +16,7 @@ from baselines.promp_rl import (
     StarkProMPRL,
     TransferPolicy,
 )
+from baselines.random_search import RandomSearch
 from baselines.reps import REPS, GaussianPrimitivePolicy
 
 __all__ = [
@@ -23,18 +27,25 @@ __all__ = [
     "GA",
     "REPS",
     "BOPolicy",
+    "ContextualCMAES",
+    "ContextualGaussianPolicy",
+    "ContextualREPS",
     "EwertonProMPRL",
     "GAPolicy",
     "GaussianPrimitivePolicy",
     "GaussianProcessPolicy",
+    "LogEI",
     "PDFiltered",
     "Primitive",
     "ProMP",
     "ProMPPolicy",
     "ProMPRL",
+    "RandomSearch",
     "ResidualPolicy",
     "Response",
     "StarkProMPRL",
+    "StartPolicy",
     "TransferPolicy",
+    "TuRBO",
     "WeightDistribution",
 ]

@@ -38,9 +38,55 @@ EWERTON = Algorithm(
     "baselines:EwertonProMPRL",
     description="one ProMP, Gaussian processes, relevance-weighted policy optimisation",
 )
+RANDOM_SEARCH = Algorithm(
+    "random-search",
+    "baselines:RandomSearch",
+    description="the best of smooth random bends",
+    pretrained=False,
+)
+TURBO = Algorithm(
+    "turbo",
+    "baselines:TuRBO",
+    description="BoTorch: Thompson sampling in a trust region",
+    pretrained=False,
+)
+LOG_EI = Algorithm(
+    "log-ei",
+    "baselines:LogEI",
+    description="BoTorch: logarithm of expected improvement",
+    pretrained=False,
+)
+CONTEXTUAL_REPS = Algorithm(
+    "contextual-reps",
+    "baselines:ContextualREPS",
+    description="REPS, one distribution over all contexts",
+)
+CONTEXTUAL_CMAES = Algorithm(
+    "contextual-cmaes",
+    "baselines:ContextualCMAES",
+    description="CMA-ES, one distribution over all contexts",
+)
+PPO = Algorithm("ppo", "results.agents:PPO", description="SB3's PPO over a ProMP's weights")
+SAC = Algorithm("sac", "results.agents:SAC", description="SB3's SAC over a ProMP's weights")
+ARS = Algorithm("ars", "results.agents:ARS", description="sb3-contrib's ARS over a ProMP's weights")
 BY_NAME = {
     algorithm.name: algorithm
-    for algorithm in (RCNMP, ACNMP, BO, GA, DREPS, REPS, CMAES, STARK, EWERTON)
+    for algorithm in (
+        RCNMP,
+        ACNMP,
+        BO,
+        GA,
+        DREPS,
+        REPS,
+        CMAES,
+        STARK,
+        EWERTON,
+        RANDOM_SEARCH,
+        TURBO,
+        LOG_EI,
+        CONTEXTUAL_REPS,
+        CONTEXTUAL_CMAES,
+    )
 }
 
 

@@ -11,6 +11,7 @@ from results.leaderboard.commands import add_leaderboard
 from results.output_commands import add_export, add_render
 from results.suites import check_suite, describe_suites
 from results.thesis import NAMES, TABLES, describe
+from results.tuning.commands import add_tune
 
 if TYPE_CHECKING:  # the command line answers at once: what is slow to import waits
     from results.harness.records import RunRecord
@@ -70,6 +71,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_table(commands.add_parser("table", help="print the table of runs"))
     _add_plot(commands.add_parser("plot", help="draw learning curves and final paths"))
     _add_reproduce(commands.add_parser("reproduce", help="make what the thesis shows anew"))
+    add_tune(commands.add_parser("tune", help="tune all algorithms of a suite alike"))
     add_leaderboard(
         commands.add_parser("leaderboard", help="the committed rows: show, update, check, verify")
     )

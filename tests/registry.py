@@ -3,7 +3,20 @@
 from typing import Any
 
 import benchmark_envs  # noqa: F401  (registers the tasks)
-from baselines import BO, CMAES, DREPS, GA, REPS, EwertonProMPRL, StarkProMPRL
+from baselines import (
+    BO,
+    CMAES,
+    DREPS,
+    GA,
+    REPS,
+    ContextualCMAES,
+    ContextualREPS,
+    EwertonProMPRL,
+    LogEI,
+    RandomSearch,
+    StarkProMPRL,
+    TuRBO,
+)
 from sb3_nmp import (
     ACNMP,
     RCNMP,
@@ -19,6 +32,7 @@ ENV_ID = "nmp/Bottles-v0"
 POPULATION = 8
 DEMONSTRATIONS = Demonstrations.from_task(ENV_ID, 3, seed=0)
 SMALL = CNMPArchitecture(encoder_arch=(16,), decoder_arch=(16,))
+QUICK_BAYESIAN = {"n_initial": POPULATION, "n_bases": 3, "max_iterations": 3}
 ALGORITHMS: dict[type[TrajectoryAlgorithm], dict[str, Any]] = {
     RCNMP: {"population_size": POPULATION, "n_crossover": 4, "training": RCNMPTraining(5)},
     GA: {"population_size": POPULATION, "n_crossover": 4},
@@ -41,4 +55,9 @@ ALGORITHMS: dict[type[TrajectoryAlgorithm], dict[str, Any]] = {
         "context_std": 0.3,
         "policy_kwargs": {"cnmp": SMALL},
     },
+    ContextualREPS: {"population_size": POPULATION, "value_features": "linear"},
+    ContextualCMAES: {"population_size": POPULATION},
+    RandomSearch: {"population_size": POPULATION},
+    TuRBO: {"population_size": POPULATION, **QUICK_BAYESIAN, "n_candidates": 50},
+    LogEI: {"population_size": POPULATION, **QUICK_BAYESIAN, "n_samples": 8, "n_raw": 4},
 }

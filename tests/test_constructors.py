@@ -10,7 +10,7 @@ import pytest
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 import sb3_nmp
-from baselines import BO, CMAES, DREPS, GA, REPS, EwertonProMPRL, StarkProMPRL
+from baselines import BO, DREPS, GA, REPS, EwertonProMPRL, StarkProMPRL
 from sb3_nmp import ACNMP, RCNMP, ConfigurationError, TrajectoryAlgorithm, UnknownArgumentError
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm
 from sb3_nmp.common.arguments import SB3Arguments, SharedArguments
@@ -66,11 +66,11 @@ def test_every_argument_but_policy_and_environment_has_a_default(algorithm: Any)
 
 
 def test_defaults_that_differ_by_algorithm_are_visible() -> None:
-    known = (RCNMP, GA, REPS, DREPS, StarkProMPRL, EwertonProMPRL, ACNMP, BO, CMAES)
-    sizes = {a.__name__: parameters(a)["population_size"].default for a in known}
+    sizes = {a.__name__: parameters(a)["population_size"].default for a in ALGORITHMS}
     assert sizes == {
         "RCNMP": 20, "GA": 20, "REPS": 20, "DREPS": 20, "StarkProMPRL": 20, "EwertonProMPRL": 10,
-        "ACNMP": 1, "BO": 1, "CMAES": 5,
+        "ACNMP": 1, "BO": 1, "CMAES": 5, "ContextualREPS": 50, "ContextualCMAES": 50,
+        "RandomSearch": 5, "TuRBO": 5, "LogEI": 5,
     }  # fmt: skip
     longest = [parameters(a)["max_generations"].default for a in (ACNMP, BO, StarkProMPRL)]
     assert longest == [60, 60, 50]

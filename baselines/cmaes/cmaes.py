@@ -15,7 +15,9 @@ from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.noise import SmoothNoise
+from sb3_nmp.common.pd_controller import PDController
 from sb3_nmp.common.settings import Rules
+from sb3_nmp.common.tuning import Choice, Range, SearchSpace
 from sb3_nmp.models.cnmp_training import CNMPPretraining
 
 
@@ -41,12 +43,19 @@ class CMAES(AdaptiveAlgorithm):
         deviations of the demonstrations' contexts; 0 leaves it out
     :param shaped: share of the residual's variance that is shaped like the demonstrations, as in
         `sb3_nmp.ShapedExploration`
+    :param pd_controller: through which the residual is executed (Eq. 6.3), so that trajectories
+        start and end as the base does; None executes it as it is
     :param pretraining: how the CNMP learns the demonstrations
     """
 
     policy: ResidualPolicy
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MlpPolicy": ResidualPolicy}
     needs_demonstrations: ClassVar[bool] = False
+
+    tunable: ClassVar[SearchSpace] = {
+        "population_size": Choice((5, 8, 12, 20)),
+        "n_bases": Range(4, 15, integer=True),
+    }
 
     def __init__(
         self,
@@ -58,11 +67,13 @@ class CMAES(AdaptiveAlgorithm):
         n_bases: int = 5,
         context_std: float = 0.0,
         shaped: float = 0.0,
+        pd_controller: PDController | None = None,
         pretraining: CNMPPretraining = CNMPPretraining(),  # noqa: B008 (frozen)
         **shared: Unpack[AdaptiveArguments],
     ) -> None:
         self.residual = SmoothNoise(n_bases=n_bases)
         self.context_std, self.shaped, self.pretraining = context_std, shaped, pretraining
+        self.pd_controller = pd_controller
         self._context_step: NDArray[np.float64] | None = None
         self._mixing: NDArray[np.float64] | None = None
         self._has_learned = False
@@ -110,7 +121,8 @@ class CMAES(AdaptiveAlgorithm):
 
     def _new_search(self, context: NDArray[np.float32]) -> ResidualSearch:
         noise = replace(self.residual, sigma=self.first_scale())
-        space = ResidualSpace(noise, context.astype(np.float64), self._context_step, self._mixing)
+        where = context.astype(np.float64)
+        space = ResidualSpace(noise, where, self._context_step, self._mixing, self.pd_controller)
         return ResidualSearch(
             space, self.policy.base, self.policy.trajectory_shape, self.population_size
         )

@@ -8,7 +8,9 @@ import cma
 import numpy as np
 from numpy.typing import NDArray
 
+from baselines.primitives.pd_filtered import bends
 from sb3_nmp.common.noise import SmoothNoise
+from sb3_nmp.common.pd_controller import PDController
 from sb3_nmp.common.rollouts import Generation
 from sb3_nmp.common.settings import saved_state
 
@@ -57,12 +59,14 @@ class ResidualSpace:
     :param context_step: the shift of a parameter of 1, in the context's units, shape (C,), or None
     :param mixing: at each time, how the residual in each dimension (rows) moves the trajectory's
         (columns), see `spread_over_time`, shape (T, D, D), or None
+    :param controller: through which residuals are executed; they keep their size
     """
 
     noise: SmoothNoise
     context: FloatArray
     context_step: FloatArray | None
     mixing: FloatArray | None = None
+    controller: PDController | None = None
 
     def size(self, n_dimensions: int) -> int:
         """Return how many parameters there are.
@@ -83,6 +87,13 @@ class ResidualSpace:
         shifts = parameters[:, self.noise.n_bases * n_dimensions :]
         return self.context + shifts * self.context_step
 
+    def _bases(self, n_time_points: int) -> FloatArray:
+        """Return the bases, after the controller where there is one, shape (T, n_bases)."""
+        bases = self.noise.bases(n_time_points)
+        if self.controller is None:
+            return bases
+        return bends(self.controller, bases.T[..., None])[..., 0].T
+
     def residuals(self, parameters: FloatArray, shape: tuple[int, int]) -> FloatArray:
         """Return the deviations from the base trajectories, shape (N, T, D).
 
@@ -92,7 +103,7 @@ class ResidualSpace:
         n_time_points, n_dimensions = shape
         weights = parameters[:, : self.noise.n_bases * n_dimensions]
         shaped = weights.reshape(len(parameters), self.noise.n_bases, n_dimensions)
-        smooth = self.noise.bases(n_time_points) @ shaped
+        smooth = self._bases(n_time_points) @ shaped
         if self.mixing is not None:
             smooth = np.einsum("ntd,tde->nte", smooth, self.mixing)
         return np.asarray(self.noise.sigma) * smooth

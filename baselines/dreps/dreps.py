@@ -1,6 +1,6 @@
 """`DREPS`: dual REPS, which also keeps away from bad samples (thesis [50])."""
 
-from typing import Unpack
+from typing import ClassVar, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from baselines.reps.policies import GaussianPrimitivePolicy
 from baselines.reps.reps import REPS, REPSArguments
 from baselines.reps.samples import Samples
 from sb3_nmp.common.settings import Rules
+from sb3_nmp.common.tuning import Choice, Range, SearchSpace
 
 
 class DREPS(REPS):
@@ -38,6 +39,13 @@ class DREPS(REPS):
         None leaves this constraint out
     :param good_fraction: of the samples that count as good, in (0, 1)
     """
+
+    tunable: ClassVar[SearchSpace] = {
+        "population_size": Choice((10, 16, 20, 30)),
+        "epsilon": Range(0.5, 3.0),
+        "n_bases": Range(6, 15, integer=True),
+        "xi": Range(1.0, 8.0),
+    }
 
     def __init__(
         self,

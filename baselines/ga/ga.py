@@ -17,6 +17,7 @@ from sb3_nmp.common.judging import Wanted, features
 from sb3_nmp.common.niches import View
 from sb3_nmp.common.operators import blend
 from sb3_nmp.common.population import PopulationArguments, PopulationSearch
+from sb3_nmp.common.tuning import Choice, Range, SearchSpace
 
 
 class GAArguments(PopulationArguments, total=False):
@@ -44,6 +45,13 @@ class GA(PopulationSearch):
 
     policy: GAPolicy
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MlpPolicy": GAPolicy}
+
+    tunable: ClassVar[SearchSpace] = {
+        "population_size": Choice((20, 30)),
+        "mutation_decay": Range(0.65, 0.95),
+        "mutation.n_bases": Range(6, 15, integer=True),
+        "temperature": Range(1.0, 10.0, log=True),
+    }
 
     def __init__(
         self, policy: str | type[GAPolicy], env: GymEnv | str, **shared: Unpack[GAArguments]

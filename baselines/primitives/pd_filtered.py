@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from baselines.primitives.primitive import Primitive, Response
 from sb3_nmp.common.pd_controller import PDController
@@ -43,6 +44,21 @@ class PDFiltered(Primitive):
     def response(self) -> Response:
         """Return the controller's output for unit weights, start and goal."""
         return _response(self)
+
+
+def bends(controller: PDController, directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what a controller makes of deviations from a trajectory, of the same size as before.
+
+    Through the controller they vanish at start and goal. Together they keep their mean square over
+    time, so that exploration is of the same scale with it and without it.
+
+    :param controller: the PD controller
+    :param directions: shape (n, T, D)
+    :return: same shape
+    """
+    still = np.zeros(directions.shape[2])
+    filtered = controller(directions, still, still)
+    return filtered * np.sqrt(np.sum(directions**2) / np.sum(filtered**2))
 
 
 @lru_cache(maxsize=16)

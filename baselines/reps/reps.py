@@ -1,42 +1,33 @@
 """`REPS`: episodic relative entropy policy search."""
 
-from typing import Any, ClassVar, Literal, Unpack, cast
+from typing import ClassVar, Unpack, cast
 
 import numpy as np
-from numpy.typing import NDArray
-from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 
 from baselines.reps.dual import Solution, epsilon_rule, solve
 from baselines.reps.gaussian import FitSettings, FloatArray, LinearGaussian, weighted_fit
+from baselines.reps.gaussian_search import GaussianArguments, GaussianSearch
 from baselines.reps.policies import GaussianPrimitivePolicy
 from baselines.reps.samples import Samples
-from sb3_nmp.common.algorithm import TrajectoryAlgorithm
-from sb3_nmp.common.arguments import SharedArguments
 from sb3_nmp.common.environment import Scale
-from sb3_nmp.common.pd_controller import PDController
 from sb3_nmp.common.rollouts import Generation
 from sb3_nmp.common.settings import Rules
-
-Controller = PDController | Literal["auto"] | None
-PrimitiveName = Literal["promp", "dmp"]
+from sb3_nmp.common.tuning import Choice, Range, SearchSpace
 
 
-class REPSArguments(SharedArguments, total=False):
+class REPSArguments(GaussianArguments, total=False):
     """Those that `DREPS` takes over from `REPS`, which describes them."""
 
     learning_rate: float | Schedule
     population_size: int
     epsilon: float
-    primitive: PrimitiveName
-    n_bases: int
-    pd_controller: Controller
     sample_generations: int
     shrinkage: float
     min_sigma: Scale
 
 
-class REPS(TrajectoryAlgorithm):
+class REPS(GaussianSearch):
     """Relative entropy policy search over the weights of a movement primitive.
 
     Peters, Muelling and Altun, "Relative entropy policy search", 2010; the episodic form is that of
@@ -52,30 +43,24 @@ class REPS(TrajectoryAlgorithm):
     Dropping correlations (``shrinkage``) and the floor ``min_sigma`` work against it; how the
     defaults were chosen stands in ``results/experiments/baselines_tuning.md``.
 
-    With ``demonstrations`` the mean starts as the linear regression of the demonstrated weights on
-    the context instead; start and goal are then part of the weights, and nothing forces them.
-
     >>> import benchmark_envs
     >>> REPS("MlpPolicy", "nmp/Bottles-v0", primitive="dmp", seed=0).learn(20).num_timesteps
     20
 
-    :param demonstrations: of an expert, from which a ProMP without controller starts. They are not
-        saved with the model
     :param learning_rate: step from the old mean to the fitted one, in (0, 1], or a schedule of it
     :param epsilon: bound on KL(weights of the samples || uniform), in nats
-    :param primitive: ``"promp"`` or ``"dmp"``
-    :param n_bases: of the primitive, per dimension
-    :param pd_controller: through which trajectories are executed (Eq. 6.3), so that they start and
-        end as the initial trajectory; ``"auto"`` is a `PDController` for a ProMP and none for a
-        DMP, which ends at its goal by itself, and with demonstrations
     :param sample_generations: generations whose samples an update uses
     :param shrinkage: of the weights' correlations: 0 fits a full covariance, 1 a diagonal one
     :param min_sigma: floor of the trajectories' standard deviation (root mean square over time), in
         their unit, one value or one per dimension
     """
 
-    policy: GaussianPrimitivePolicy
-    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MlpPolicy": GaussianPrimitivePolicy}
+    tunable: ClassVar[SearchSpace] = {
+        "population_size": Choice((10, 16, 20, 30)),
+        "epsilon": Range(0.5, 3.0),
+        "n_bases": Range(6, 15, integer=True),
+        "sample_generations": Range(1, 4, integer=True),
+    }
 
     def __init__(
         self,
@@ -85,76 +70,29 @@ class REPS(TrajectoryAlgorithm):
         learning_rate: float | Schedule = 1.0,
         population_size: int = 20,
         epsilon: float = 1.5,
-        primitive: PrimitiveName = "promp",
-        n_bases: int = 10,
-        pd_controller: Controller = "auto",
         sample_generations: int = 3,
         shrinkage: float = 1.0,
         min_sigma: Scale = 0.005,
-        **shared: Unpack[SharedArguments],
+        **shared: Unpack[GaussianArguments],
     ) -> None:
-        self._demonstrated = shared.get("demonstrations") is not None
-        if pd_controller == "auto":
-            free = primitive == "dmp" or self._demonstrated
-            pd_controller = None if free else PDController()
         self.epsilon, self.sample_generations = epsilon, sample_generations
         self.shrinkage, self.min_sigma = shrinkage, min_sigma
-        self._started, self._samples = False, list[Samples]()
-        self._deviations: FloatArray | None = None
-        self._weights: FloatArray | None = None
-        chosen = {"primitive": primitive, "n_bases": n_bases, "pd_controller": pd_controller}
-        shared["policy_kwargs"] = chosen | (shared.get("policy_kwargs") or {})
+        self._samples = list[Samples]()
         super().__init__(
             policy, env, population_size=population_size, learning_rate=learning_rate, **shared
         )
 
     def _rules(self) -> Rules:
-        chosen = self.policy_kwargs
-        forced = chosen["primitive"] != "promp" or chosen["pd_controller"] is not None
         return {
             "epsilon": epsilon_rule(self.epsilon),
             "population_size": (self.population_size >= 2, ">= 2: a Gaussian is fitted to it"),
             **fit_rules(self.sample_generations, self.shrinkage),
-            "policy_kwargs": (
-                not (self._demonstrated and forced),
-                "those of primitive='promp' and pd_controller=None where demonstrations are given: "
-                "a DMP and a controller force start and goal, which differ between demonstrations",
-            ),
+            **super()._rules(),
         }
 
     def _setup_model(self) -> None:
         super()._setup_model()
         self._check_scale("min_sigma")
-        if self.demonstrations is not None:
-            shown = self.demonstrations
-            self.policy.start_from_demonstrations(shown.contexts, shown.trajectories)
-
-    def _made_with(self) -> dict[str, Any]:
-        own = ("primitive", "n_bases", "pd_controller")
-        return super()._made_with() | {name: self.policy_kwargs[name] for name in own}
-
-    # -- the search ----------------------------------------------------------------------------
-
-    def _begin_generation(self) -> None:
-        if not self._started:
-            if self._demonstrated:
-                self.policy.explore(self.first_scale())
-            else:
-                self.policy.start_from(self.initial_trajectory(), self.first_scale())
-            self._started = True
-        factor = np.linalg.cholesky(self.policy.gaussian.covariance)
-        noise = self.rng.standard_normal((self.population_size, len(factor)))
-        self._deviations = noise @ factor.T
-        self._weights = np.zeros_like(noise)
-
-    def _propose(self, members: slice, contexts: NDArray[np.float32]) -> NDArray[np.floating]:
-        deviations, weights = cast(FloatArray, self._deviations), cast(FloatArray, self._weights)
-        proposed: list[FloatArray] = []
-        # one by one: a matrix product's last bits depend on how many members it is asked for
-        for i, context in zip(range(members.start, members.stop), contexts, strict=True):
-            weights[i] = self.policy.mean_weights(context) + deviations[i]
-            proposed.append(self.policy.trajectory(weights[i]))
-        return np.stack(proposed)
 
     def _end_generation(self, generation: Generation) -> None:
         features = self.policy.features(generation.contexts)

@@ -20,7 +20,6 @@ from results.harness.record_files import write_record
 from results.harness.records import ErrorRecord, Provenance, Result, RunRecord, Seconds
 from results.harness.resume import Plan, alone_in, clear, failed_path, finished_path
 from results.harness.specification import RunSpecification
-from sb3_nmp import TrajectoryAlgorithm
 
 
 @dataclass(frozen=True)
@@ -127,9 +126,8 @@ def sees(model: object) -> tuple[str, ...] | None:
 
     :param model: after its run
     """
-    if not isinstance(model, TrajectoryAlgorithm):
-        return None
-    return tuple(sorted(str(each) for each in model.information))
+    information = getattr(model, "information", None)
+    return None if information is None else tuple(sorted(str(each) for each in information))
 
 
 def run_and_write(

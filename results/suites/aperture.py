@@ -2,7 +2,16 @@
 
 from dataclasses import replace
 
-from results.algorithms import ACNMP, EWERTON, SUM_ALONE, thesis_acnmp, twin, twins
+from results.algorithms import (
+    ACNMP,
+    CONTEXTUAL_CMAES,
+    CONTEXTUAL_REPS,
+    EWERTON,
+    SUM_ALONE,
+    thesis_acnmp,
+    twin,
+    twins,
+)
 from results.harness.suite import Recipe
 from results.stream.protocol import Stream
 from sb3_nmp import (
@@ -45,6 +54,9 @@ OF_THESIS: dict[str, object] = {
     "adaptation": ACNMPAdaptation("step", n_training_steps=50, reward_weight=1.0),
     "pretraining": CNMPPretraining.preset("stream"),
 }
+#: of the contextual searches: the budget is ten rollouts for each context, as much as a search may
+#: spend there
+SHARED: dict[str, object] = {"rollouts_per_context": 10, "exploration_scale": 0.2}
 ALGORITHMS = {
     "ACNMP": replace(ACNMP, settings=STREAM),
     "ACNMP, sum alone": replace(ACNMP, settings=STREAM | SUM_ALONE),
@@ -52,6 +64,8 @@ ALGORITHMS = {
     "twin, Gaussian process, sum alone": twin("Gaussian process", **OF_TWINS, **SUM_ALONE),
     "ACNMP (thesis)": thesis_acnmp(**OF_THESIS),
     "ProMP+RL (Ewerton)": EWERTON,
+    "contextual REPS": replace(CONTEXTUAL_REPS, settings=SHARED),
+    "contextual CMA-ES": replace(CONTEXTUAL_CMAES, settings=SHARED),
 }
 TASKS: dict[str, dict[str, object]] = {"nmp/Aperture-v0": {}}
 RECIPE = Recipe(ALGORITHMS, TASKS, budget=10_000, n_seeds=5, protocols=(Stream(),))

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from results.algorithms import GA, RCNMP
+from results.algorithms import CONTEXTUAL_CMAES, CONTEXTUAL_REPS, GA, RCNMP
 from results.harness.specification import Algorithm
 from results.harness.suite import Recipe
 from results.stream.protocol import Stream
@@ -25,6 +25,8 @@ ALGORITHMS = {
     "twin, Gaussian process": twin("gaussian-process"),
     "twin, nearest": twin("nearest"),
     "twin, ridge": twin("ridge"),
+    "contextual REPS": CONTEXTUAL_REPS,
+    "contextual CMA-ES": CONTEXTUAL_CMAES,
 }
 TASKS: dict[str, dict[str, object]] = {"nmp/Bottles-v0": {"random_bottles": True}}
 RECIPE = Recipe(ALGORITHMS, TASKS, 2000, 5, (Stream(0, 10_000, 1000),))

@@ -15,6 +15,7 @@ from sb3_nmp.common.operators import blend
 from sb3_nmp.common.population import PopulationArguments, PopulationSearch
 from sb3_nmp.common.rollouts import Generation
 from sb3_nmp.common.settings import Rules
+from sb3_nmp.common.tuning import Choice, Range, SearchSpace
 from sb3_nmp.rcnmp.policy import RCNMPPolicy
 from sb3_nmp.rcnmp.reward_model import RCNMPRewardModel, judge
 from sb3_nmp.rcnmp.training import Elbo, RCNMPTraining, batches, elbo
@@ -89,6 +90,13 @@ class RCNMP(PopulationSearch):
 
     policy: RCNMPPolicy
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MlpPolicy": RCNMPPolicy}
+
+    tunable: ClassVar[SearchSpace] = {
+        "population_size": Choice((20, 30)),
+        "mutation_decay": Range(0.65, 0.95),
+        "mutation.n_bases": Range(6, 15, integer=True),
+        "temperature": Range(1.0, 10.0, log=True),
+    }
 
     def __init__(
         self,

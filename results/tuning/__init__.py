@@ -1,0 +1,1 @@
+"""Equal tuning: the same number of trials and of tuning runs for every algorithm of a suite."""

@@ -1,0 +1,138 @@
+"""Equal tuning: search spaces that constructors take, equal trials, seeds apart, what is kept."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmark_envs import make_task
+from results.algorithms import RANDOM_SEARCH
+from results.cli import main
+from results.exceptions import BenchmarkError
+from results.suites import find_recipe
+from results.tuning import study
+from results.tuning.study import StudySummary, Trial, TuningPlan, tune, with_settings
+from sb3_nmp import RCNMP, ConfigurationError
+from sb3_nmp.common.tuning import Choice, Range, arguments_of, default_of
+
+RECIPE = find_recipe("rivals")
+PLAN = TuningPlan.of("rivals", RECIPE, [1000], n_trials=4, budget=60)
+
+
+def values(what: Range | Choice) -> list[Any]:
+    return list(what.values) if isinstance(what, Choice) else [what.low, what.high]
+
+
+@pytest.mark.parametrize("label", RECIPE.algorithms)
+def test_every_rival_declares_a_space_that_its_constructor_takes(label: str) -> None:
+    algorithm = RECIPE.algorithms[label]
+    space = algorithm.load().tunable
+    assert 1 <= len(space) <= 4
+    for name, what in space.items():
+        default_of(algorithm.load(), name.partition(".")[0])
+        for value in values(what):
+            made = with_settings(algorithm, {name: value}).settings
+            assert {*made} >= {*algorithm.settings, name.partition(".")[0]}
+
+
+@pytest.mark.parametrize("label", ["RC-NMP", "GA", "REPS", "DREPS", "CMA-ES", "TuRBO", "LogEI"])
+def test_the_ends_of_each_space_are_accepted(label: str) -> None:
+    pytest.importorskip("botorch")
+    algorithm = RECIPE.algorithms[label]
+    for end in (0, -1):
+        chosen = {name: values(what)[end] for name, what in algorithm.load().tunable.items()}
+        settings = with_settings(algorithm, chosen).settings
+        algorithm.load()("MlpPolicy", "nmp/Bottles-v0", **settings)
+
+
+def test_fields_of_settings_and_of_dictionaries_are_set() -> None:
+    made = arguments_of(RCNMP, {"mutation.n_bases": 7, "mutation.width": 2.0, "temperature": 2})
+    assert (made["mutation"].n_bases, made["mutation"].width, made["temperature"]) == (7, 2.0, 2)
+    agent = RECIPE.algorithms["PPO"].load()
+    made = arguments_of(agent, {"agent.n_epochs": 7, "agent.clip_range": 0.3})
+    assert made == {"agent": {"n_epochs": 7, "clip_range": 0.3}}
+    with pytest.raises(ConfigurationError, match="has no argument 'wings'"):
+        arguments_of(RCNMP, {"wings.n": 2})
+    with pytest.raises(ConfigurationError, match="has no field 'wings'"):
+        arguments_of(RCNMP, {"mutation.wings": 2})
+
+
+def test_tuning_draws_other_contexts_than_reported_runs() -> None:
+    """By the distance of the nearest pair; on bottles that stand still there is but one context."""
+    task = make_task("nmp/Bottles-v0", random_bottles=True)
+
+    def contexts(seeds: range) -> np.ndarray:
+        return np.stack([task.sample_context(np.random.default_rng(seed)) for seed in seeds])
+
+    reported, tuning = contexts(range(50)), contexts(range(1000, 1020))
+    apart = np.linalg.norm(reported[:, None] - tuning, axis=2).min()
+    assert apart > 0.005  # m; of 1000 pairs of layouts
+    with pytest.raises(BenchmarkError, match=r"seeds are \[7, 1000\]; reported runs have seeds"):
+        TuningPlan.of("rivals", RECIPE, [7, 1000], 3)
+
+
+def test_every_algorithm_has_as_many_trials_and_the_first_is_the_suites(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pytest.importorskip("optuna")
+    seen: list[Any] = []
+
+    def cost(label: str, algorithm: Any, plan: TuningPlan) -> float | None:
+        seen.append((label, dict(algorithm.settings), plan.seeds))
+        n = algorithm.settings.get("n_bases", 10)
+        return None if n == 4 else float((n - 8) ** 2)
+
+    monkeypatch.setattr(study, "cost_of", cost)
+    plan = TuningPlan.of("rivals", RECIPE, [1000, 1001], n_trials=12)
+    summaries = [tune(label, RECIPE.algorithms[label], plan) for label in ("CMA-ES", "TuRBO")]
+    assert [len(each.trials) for each in summaries] == [12, 12]
+    assert len(seen) == 24
+    assert {seeds for _, _, seeds in seen} == {(1000, 1001)}
+    assert seen[0][1] == dict(RECIPE.algorithms["CMA-ES"].settings)
+    for each in summaries:
+        assert each.trials[0].chosen == {}
+        assert each.best.cost is not None
+        assert each.trials[0].cost is not None
+        assert each.best.cost <= each.trials[0].cost
+    again = tune("TuRBO", RECIPE.algorithms["TuRBO"], plan)
+    assert again.trials == summaries[1].trials
+
+
+def test_unsolved_runs_cost_twice_the_budget_and_failed_ones_nothing_known() -> None:
+    hopeless = with_settings(RANDOM_SEARCH, {"n_bases": 4})
+    plan = TuningPlan.of("rivals", RECIPE, [1000], n_trials=1, budget=1)
+    assert study.cost_of("r", hopeless, plan) == pytest.approx(np.log(2))
+    assert study.cost_of("r", with_settings(RANDOM_SEARCH, {"n_bases": 1}), plan) is None
+
+
+def test_the_command_writes_studies_and_keeps_those_that_are_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("optuna")
+    arguments = [
+        "tune", "--suite", "rivals", "--algorithms", "random search", "--trials", "2",
+        "--seeds", "1000,", "--budget", "5", "--out", str(tmp_path),
+    ]  # fmt: skip
+    assert main(arguments) == 0
+    written = json.loads((tmp_path / "rivals" / "random-search.json").read_text())
+    assert written["trials"][0]["chosen"] == {}
+    assert written["plan"]["n_trials"] == len(written["trials"]) == 2
+    assert written["best"] in written["trials"]
+    assert "2 trials of 1 runs" in capsys.readouterr().out
+    assert main(arguments) == 0
+    assert "random search: kept" in capsys.readouterr().out
+
+
+def test_what_cannot_be_tuned_is_refused() -> None:
+    with pytest.raises(BenchmarkError, match="the suite 'push' cannot be tuned"):
+        TuningPlan.of("push", find_recipe("push"), [1000], 3)
+    with pytest.raises(BenchmarkError, match="n_trials is 0"):
+        TuningPlan.of("rivals", RECIPE, [1000], 0)
+    best = StudySummary("a", "a", PLAN, {}, (Trial({}, None), Trial({"x": 1}, 2.0))).best
+    assert best.chosen == {"x": 1}
+    with pytest.raises(ConfigurationError, match="must have low < high"):
+        Range(1.0, 1.0)
+    with pytest.raises(ConfigurationError, match="give at least two"):
+        Choice((1,))
