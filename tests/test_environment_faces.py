@@ -68,13 +68,28 @@ def test_worker_processes_know_the_tasks_and_give_the_same_bits() -> None:
     np.testing.assert_array_equal(one.trajectories, two.trajectories)
 
 
-def test_worker_processes_of_plain_environments_are_asked_for_nothing_else() -> None:
-    workers = SubprocVecEnv([Plain, Plain])
-    try:
-        for algorithm in (REPS, GA):
-            assert build(algorithm, workers).learn(16).num_timesteps == 16
-    finally:
-        workers.close()
+class Workers(DummyVecEnv):
+    """Breaks where a worker process would end: when asked for an attribute that is not there."""
+
+    def has_attr(self, attr_name: str) -> bool:
+        try:
+            super().get_attr(attr_name)
+        except AttributeError:
+            return False
+        return True
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> Any:
+        assert self.has_attr(attr_name), attr_name
+        return super().get_attr(attr_name, indices)
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> Any:
+        assert self.has_attr(method_name), method_name
+        return super().env_method(method_name, *args, indices=indices, **kwargs)
+
+
+def test_plain_environments_are_asked_for_nothing_that_they_do_not_have() -> None:
+    for algorithm in (REPS, GA):
+        assert build(algorithm, Workers([Plain, Plain])).learn(16).num_timesteps == 16
 
 
 # -- pictures --------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from typing import Any, Self
 import numpy as np
 import torch as th
 from numpy.typing import NDArray
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -44,7 +45,7 @@ class ResumableAlgorithm(SafeFiles):
         self._before_reset = stream.generator_states(env)
         return np.array(env.reset(), np.float32)
 
-    def _setup_learn(self, *args: Any, **kwargs: Any) -> tuple[int, Any]:  # noqa: ANN401
+    def _setup_learn(self, *args: Any, **kwargs: Any) -> tuple[int, BaseCallback]:  # noqa: ANN401
         if self._stream is not None and self.env is not None:
             self._last_obs = stream.resume(self.env, self._stream)
             fits = len(self._stream["now"] or ()) == self.env.num_envs
