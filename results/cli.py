@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 from results.exceptions import BenchmarkError
 from results.leaderboard.commands import add_leaderboard
-from results.output_commands import add_export, add_render
+from results.output_commands import add_export, add_import, add_render
 from results.suites import check_suite, describe_suites
 from results.thesis import NAMES, TABLES, describe
 from results.tuning.commands import add_tune
+from results.web_page import add_report
 
 if TYPE_CHECKING:  # the command line answers at once: what is slow to import waits
     from results.harness.records import RunRecord
@@ -70,6 +71,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_run(commands.add_parser("run", help="run a suite", epilog=EXIT_STATUS))
     _add_table(commands.add_parser("table", help="print the table of runs"))
     _add_plot(commands.add_parser("plot", help="draw learning curves and final paths"))
+    add_report(commands.add_parser("report", help="write one HTML page about runs"))
     _add_reproduce(commands.add_parser("reproduce", help="make what the thesis shows anew"))
     add_tune(commands.add_parser("tune", help="tune all algorithms of a suite alike"))
     add_leaderboard(
@@ -87,7 +89,13 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     )
     parser.set_defaults(command=run)
     told = "; ".join(f"{name}: {line.rstrip('.')}" for name, line in describe_suites().items())
-    parser.add_argument("--suite", default="quick", help=f"{told} (default: quick)")
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--suite", default="quick", help=f"{told} (default: quick)")
+    what.add_argument("--task", metavar="ID", help="instead of a suite: a task, in one context")
+    parser.add_argument(
+        "--algorithm", nargs="+", default=[], metavar="NAME", help="on it: names, or module:Class"
+    )
+    add_import(parser)
     parser.add_argument(
         "--seeds",
         metavar="N|A-B|A,B",
@@ -181,8 +189,19 @@ def run(options: argparse.Namespace) -> int:
 
     check_workers(options.workers)
     seeds = None if options.seeds is None else parse_seeds(options.seeds)
-    recipe = find_recipe(options.suite)
-    suite = make_suite(options.suite, recipe, seeds, options.budget, options.algorithms)
+    name, recipe = options.suite, None
+    if options.task is not None:
+        from results.harness.records import task_slug
+        from results.outside import make_recipe
+
+        name = task_slug(options.task)
+        recipe = make_recipe(options.task, options.algorithm, options.imports)
+    elif options.algorithm or options.imports:
+        raise BenchmarkError(
+            "--algorithm goes with --task, as --import does; suites name their own."
+        )
+    recipe = recipe or find_recipe(name)
+    suite = make_suite(name, recipe, seeds, options.budget, options.algorithms)
     folder = options.out or RUNS / suite.name
     if folder.exists() and not folder.is_dir():
         raise BenchmarkError(f"--out is '{folder}', a file; name a folder.")

@@ -41,8 +41,20 @@ def _add_source(parser: argparse.ArgumentParser) -> None:
     source.add_argument("--run", type=Path, metavar="JSON", help="a run's file: its greedy rollout")
     source.add_argument("--expert", metavar="MODE", help="the task's scripted expert")
     parser.add_argument("--algorithm", default="rcnmp", help="of the model (default: %(default)s)")
+    add_import(parser)
     parser.add_argument("--seed", type=int, default=0, help="of the context, where it is drawn")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="what to write")
+
+
+def add_import(parser: argparse.ArgumentParser) -> None:
+    """Let a command be told of modules of other packages.
+
+    :param parser: its own
+    """
+    parser.add_argument(
+        "--import", nargs="+", default=[], dest="imports", metavar="MODULE",
+        help="modules that register tasks or hold algorithms of your own",
+    )  # fmt: skip
 
 
 def render(options: argparse.Namespace) -> int:
@@ -57,9 +69,11 @@ def render(options: argparse.Namespace) -> int:
 
 def _write(options: argparse.Namespace, write: Callable[["RenderRequest", Path], None]) -> int:
     """Let a function write what `_add_source` was told."""
+    from results.harness.plugins import bring_in
     from results.render import RenderRequest
 
     o = options
+    bring_in(o.imports, o.task)
     write(RenderRequest(o.task, o.model, o.run, o.expert, o.algorithm, o.seed), o.out)
     print(f"Written: {o.out}")
     return 0

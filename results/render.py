@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark_envs import make_task
-from results.algorithms import BY_NAME
 from results.exceptions import BenchmarkError
 from results.harness.record_files import read_record
-from results.harness.suite import find_label
+from results.outside import find_algorithm
 from sb3_nmp import FileFormatError, TrajectoryAlgorithm
 
 ENDINGS = (".gif", ".mp4", ".png")
@@ -88,7 +87,7 @@ def load_model(request: RenderRequest) -> TrajectoryAlgorithm:
     """
     if request.model is None or not request.model.exists():
         raise BenchmarkError(f"there is no model '{request.model}'; give a file of model.save().")
-    algorithm = BY_NAME[find_label(request.algorithm, BY_NAME, "the benchmark")].load()
+    algorithm = find_algorithm(request.algorithm).load()
     try:
         return algorithm.load(request.model)
     except FileFormatError as error:
@@ -135,12 +134,7 @@ def write_frames(frames: Frames, out: Path, per_second: float) -> None:
         milliseconds = round(1000 / per_second)
         first.save(out, save_all=True, append_images=rest, duration=milliseconds, loop=0)
     elif out.suffix == ".png":
-        rows, columns = SHEET
-        chosen = np.linspace(0, len(frames) - 1, rows * columns).round().astype(int)
-        margins = ((0, 0), (0, GAP), (0, GAP), (0, 0))
-        spaced = np.pad(np.array([frames[i] for i in chosen]), margins, constant_values=255)
-        sheet = np.vstack([np.hstack(list(line)) for line in np.split(spaced, rows)])
-        Image.fromarray(sheet[:-GAP, :-GAP]).save(out)
+        Image.fromarray(sheet_of(frames)).save(out)
     else:
         try:
             imageio = import_module("imageio.v3")
@@ -152,6 +146,19 @@ def write_frames(frames: Frames, out: Path, per_second: float) -> None:
             ) from error
         options = {"fps": per_second, "macro_block_size": 8}  # 360 rows stay 360
         imageio.imwrite(out, np.stack(frames), plugin="FFMPEG", **options)
+
+
+def sheet_of(frames: Frames) -> NDArray[np.uint8]:
+    """Return evenly spaced pictures as one, `SHEET` rows and columns.
+
+    :param frames: pictures of shape (H, W, 3)
+    """
+    rows, columns = SHEET
+    chosen = np.linspace(0, len(frames) - 1, rows * columns).round().astype(int)
+    margins = ((0, 0), (0, GAP), (0, GAP), (0, 0))
+    spaced = np.pad(np.array([frames[i] for i in chosen]), margins, constant_values=255)
+    sheet = np.vstack([np.hstack(list(line)) for line in np.split(spaced, rows)])
+    return sheet[:-GAP, :-GAP]
 
 
 def _float32(values: object) -> NDArray[np.float32]:

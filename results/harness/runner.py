@@ -13,6 +13,7 @@ import torch as th
 from joblib import delayed
 
 from results.harness.environments import RunTask
+from results.harness.plugins import bring_in
 from results.harness.processes import in_processes
 from results.harness.protocol import OnRollouts
 from results.harness.provenance import provenance
@@ -96,6 +97,7 @@ def execute(run: RunSpecification, on_rollouts: OnRollouts | None = None) -> Res
     :param on_rollouts: told the number of rollouts so far
     """
     th.set_num_threads(1)
+    bring_in(run.imports, run.task)
     algorithm = run.algorithm.load()
     setting = RunTask(
         run.task,

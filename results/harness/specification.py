@@ -80,6 +80,7 @@ class RunSpecification:
     :param own_budget: whether the budget is the algorithm's own, which others need not share
     :param suite: what it belongs to
     :param variant: the name of these task settings, where a suite runs several of them
+    :param imports: modules that the run's process imports first; no part of its record
     """
 
     label: str
@@ -92,6 +93,7 @@ class RunSpecification:
     own_budget: bool = False
     suite: SuiteRecord = SuiteRecord()  # noqa: RUF009 (frozen)
     variant: str = ""
+    imports: tuple[str, ...] = ()
 
     @property
     def record(self) -> SpecificationRecord:

@@ -27,6 +27,7 @@ class Recipe:
     :param published: rollouts that the thesis's method needed, None where it tells none
     :param variants: further settings of the tasks, by a name for each variant; each seed is run
         once in each. By default there is but one, without a name
+    :param imports: modules that every process imports first (`results.harness.plugins`)
     """
 
     algorithms: Mapping[str, Algorithm]
@@ -37,6 +38,7 @@ class Recipe:
     checkpoints: tuple[int, ...] = ()
     published: int | None = None
     variants: Mapping[str, Mapping[str, object]] = field(default_factory=lambda: {"": {}})
+    imports: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,7 @@ def _specification(
         own_budget=budget is None and algorithm.budget is not None,
         suite=suite,
         variant=variant,
+        imports=recipe.imports,
     )
 
 
