@@ -109,16 +109,15 @@ def _caption(figure: object, name: str) -> str:
 
 
 def _rollouts(done: "Sequence[RunRecord]", folder: Path) -> "list[Picture]":
-    """Return pictures of one greedy rollout of each task, where it can be drawn here."""
+    """Return pictures of the best greedy rollout of each task, where it can be drawn here."""
     from benchmark_envs import TaskError
     from benchmark_envs.exceptions import RenderingUnavailableError
     from results.report.html import Picture
 
     shown: dict[str, RunRecord] = {}
-    for record in done:
-        greedy = record.measured.rollouts.get("greedy")
-        if greedy is not None and (greedy.success or record.specification.task not in shown):
-            shown.setdefault(record.specification.task, record)
+    drawable = [record for record in done if "greedy" in record.measured.rollouts]
+    for record in sorted(drawable, key=lambda record: record.curve["greedy_reward"][-1]):
+        shown[record.specification.task] = record
     pictures = []
     for task, record in shown.items():
         path = folder / f"{record.specification.stem}.json"
@@ -127,7 +126,7 @@ def _rollouts(done: "Sequence[RunRecord]", folder: Path) -> "list[Picture]":
             content = _sheet(record)
         except (RenderingUnavailableError, TaskError):
             continue
-        caption = f"{record.specification.name}: its last greedy rollout"
+        caption = f"{record.specification.name}: its last greedy rollout, the best of all runs"
         pictures.append(Picture(caption, made, content, "image/png"))
     return pictures
 

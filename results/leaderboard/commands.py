@@ -111,7 +111,8 @@ def _update(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> 
                 continue
             print(f"Written: {write_row(data, *make_row(name, found))}")
     rows = [read_row(path)[0] for path in row_paths(data)]
-    (data / "README.md").write_text(page(rows).markdown(), encoding="utf-8")
+    text = f"# Leaderboard\n\n{page(rows).markdown()}"
+    (data / "README.md").write_text(text, encoding="utf-8")
     return status
 
 
@@ -136,13 +137,14 @@ def _check(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> i
 
 
 def judgements(
-    boards: dict[str, Any], paths: list[Path], n_workers: int | None
+    boards: dict[str, Any], paths: list[Path], n_workers: int | None, n_rows: int | None = None
 ) -> "list[Judgement]":
     """Do some runs of rows again, and return what came of each row.
 
     :param boards: by name
     :param paths: of the rows' claims
     :param n_workers: processes; one per core by default
+    :param n_rows: of the whole check, for which p-values are corrected; these by default
     """
     from results.leaderboard.check import judge
     from results.leaderboard.files import read_row
@@ -151,7 +153,7 @@ def judgements(
     for path in paths:
         row, evidence, _ = read_row(path)
         again = _claims_again(boards[row.board], row.board, row.label, n_workers)
-        judged.append(judge(row, evidence, again, len(paths)))
+        judged.append(judge(row, evidence, again, n_rows or len(paths)))
     return judged
 
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # drawing is imported where it is asked for
 #: nothing may be fetched, whatever a record says
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
 STYLE = """
-:root { color-scheme: light dark; --line: #8884; --dim: #777; }
+:root { color-scheme: light dark; --line: #8884; --dim: #6b6b6b; }
 body { font: 16px/1.5 system-ui, sans-serif; margin: 0 auto; max-width: 76rem; padding: 1rem; }
 h1 { font-size: 1.6rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
 .wide { overflow-x: auto; } table { border-collapse: collapse; font-size: .9rem; }
@@ -27,7 +27,7 @@ th button:focus-visible { outline: 2px solid; }
 th[aria-sort=ascending] button::after { content: " \\25B2"; }
 th[aria-sort=descending] button::after { content: " \\25BC"; }
 td small { color: var(--dim); display: block; }
-figure { margin: 1.5rem 0; } img { background: #fff; height: auto; max-width: 100%; }
+figure { margin: 1.5rem 0; } img { background: #fff; height: auto; min-width: 40rem; width: 100%; }
 figcaption, details, li { color: var(--dim); font-size: .9rem; overflow-wrap: anywhere; }
 """
 SCRIPT = """
@@ -135,7 +135,8 @@ def _figure(picture: Picture) -> str:
     data = base64.b64encode(picture.content).decode()
     caption = escape(picture.caption)
     return (
-        f'<figure><img alt="{caption}" src="data:{picture.kind};base64,{data}">'
+        f'<figure><div class="wide" tabindex="0"><img alt="{caption}" '
+        f'src="data:{picture.kind};base64,{data}"></div>'
         f"<figcaption>{caption}</figcaption><details><summary>how it was made</summary>"
         f"{escape(picture.made)}</details></figure>"
     )
