@@ -33,7 +33,7 @@ class Seen(BaseCallback):
         self.stop_after = stop_after
 
     def _on_rollout_start(self) -> None:
-        context = self.training_env.reset()[0] if not self.answers else self.context
+        context = np.asarray(self.training_env.reset())[0] if not self.answers else self.context
         self.context = context
         self.answers.append(self.model.predict(context, deterministic=True)[0])
 

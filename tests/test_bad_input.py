@@ -208,7 +208,7 @@ BAD: dict[str, tuple[Call, tuple[str, ...]]] = {
     ),
     "mixed lengths": (
         lambda _: shown([[0.0], [1.0]], [[[0.0], [1.0]], [[0.0], [1.0], [2.0]]]),
-        ("mixed shapes", "Resample"),
+        ("mixed shapes", "resample"),
     ),
     "nan in a demonstration": (
         lambda _: shown([[0.0]], [[[NAN], [1.0]]]), ("nan at index", "must be finite"),

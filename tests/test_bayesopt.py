@@ -243,7 +243,7 @@ def test_botorch_is_imported_where_it_is_used_alone() -> None:
         (TuRBO, {"n_candidates": 3}, "n_candidates is 3; it must be at least the population of 5"),
         (TuRBO, {"failure_tolerance": 0}, "failure_tolerance is 0; it must be >= 1, or None"),
         (LogEI, {"n_initial": 1}, "n_initial is 1; it must be >= 2"),
-        (LogEI, {"kernel": "cubic"}, "kernel is 'cubic'; it must be 'rbf' or 'matern'"),
+        (LogEI, {"kernel": "cubic"}, "kernel is 'cubic'; it must be 'matern' or 'rbf'"),
         (LogEI, {"n_restarts": 99}, "n_restarts is 99; it must be >= 1 and at most n_raw"),
     ],
 )

@@ -163,7 +163,10 @@ def test_a_loaded_model_answers_the_same_and_goes_on(regression: Any, tmp_path: 
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"policy_kwargs": {"regression": "cubic"}}, r"no regression 'cubic'; there are nearest, "),
+        (
+            {"policy_kwargs": {"regression": "cubic"}},
+            r"regression is 'cubic'; it must be 'nearest' or ",
+        ),
         ({"demonstrations": None}, "BO learns from demonstrations first"),
         ({"exploration": ShapedExploration(noise=0.0)}, "a ShapedExploration with noise > 0"),
         ({"exploration": ACNMPExploration()}, "exploration is ACNMPExploration.*without a network"),

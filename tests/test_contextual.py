@@ -372,7 +372,7 @@ def test_what_cannot_be_is_refused() -> None:
         RCNMP("MlpPolicy", Reaching(where=np.array([5.0, 0.0]))).learn(20)
     with pytest.raises(InvalidDataError, match=r"shape \(3,\)"):
         RCNMP("MlpPolicy", Reaching(where=np.zeros(3))).learn(20)
-    with pytest.raises(ConfigurationError, match="no regression 'magic'; there are nearest"):
+    with pytest.raises(ConfigurationError, match="regression is 'magic'; it must be 'nearest'"):
         GA("MlpPolicy", Reaching(), policy_kwargs={"regression": "magic"})
 
 

@@ -48,7 +48,7 @@ def test_the_duals_derivatives_are_those_of_finite_differences() -> None:
         return dual(float(x[0]), x[1:], rewards, features, 0.7)[0]
 
     _, by_eta, by_theta = dual(1.3, theta, rewards, features, 0.7)
-    expected = approx_fprime(np.concatenate([[1.3], theta]), value, 1e-7)
+    expected = np.asarray(approx_fprime(np.concatenate([[1.3], theta]), value, 1e-7))
     assert_allclose(np.concatenate([[by_eta], by_theta]), expected, rtol=1e-4, atol=1e-5)
 
 
@@ -273,7 +273,11 @@ def test_quadratic_features_express_what_linear_ones_cannot() -> None:
 @pytest.mark.parametrize(
     ("algorithm", "settings", "message"),
     [
-        (ContextualREPS, {"value_features": "cubic"}, "value_features is 'cubic'; it must be one"),
+        (
+            ContextualREPS,
+            {"value_features": "cubic"},
+            "value_features is 'cubic'; it must be 'linear' or 'quadratic'",
+        ),
         (ContextualCMAES, {"ridge": 0.0}, "ridge is 0.0; it must be finite and > 0"),
         (ContextualCMAES, {"population_size": 3}, "population_size is 3; it must be >= 4"),
         (ContextualREPS, {"rollouts_per_context": 7}, "rollouts_per_context is 7; .* divisor of"),

@@ -20,6 +20,7 @@ from baselines.promp_rl.reps_search import RepsSearch, RepsSettings, decode
 from baselines.promp_rl.transfer import collapse, neighbour_distance, target_relevance
 from baselines.reps.gaussian import FitSettings
 from sb3_nmp import ConfigurationError, Demonstrations, InvalidDataError, PDController
+from sb3_nmp.common.exceptions import ResumeWarning
 from sb3_nmp.common.rollouts import Generation
 
 N_TIME_POINTS = 60
@@ -353,7 +354,8 @@ class TestAlgorithms:
         model.save(tmp_path / "model")
         loaded = algorithm.load(tmp_path / "model", env=ArcEnv())
         assert len(loaded.policy.contexts) == len(model.policy.contexts) > 5
-        assert loaded.learn(20).num_timesteps == 20
+        with pytest.warns(ResumeWarning, match="load_replay_buffer"):
+            assert loaded.learn(20).num_timesteps == 20
 
     @pytest.mark.parametrize(
         ("settings", "message"),

@@ -269,7 +269,7 @@ class TestSearch:
             ({"exploration_scale": (0.1, 0.1, 0.1)}, "tuple of 2"),
             ({"exploration_scale": -1.0}, r"exploration_scale is -1\.0"),
             ({"min_sigma": 0.0}, r"min_sigma is 0\.0"),
-            ({"primitive": "spline"}, "'promp' and 'dmp'"),
+            ({"primitive": "spline"}, "'promp' or 'dmp'"),
             ({"primitive": "dmp", "pd_controller": PDController()}, "ends at its goal by itself"),
         ],
     )

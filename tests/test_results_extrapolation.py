@@ -126,7 +126,8 @@ def test_each_context_has_a_table_of_its_own(folder: Path) -> None:
     text = report.tables(report.frame(records), labels_of(records)).markdown()
     assert "context 0: object height [m] 0.08, tower height [m] 0.1" in text
     assert "context 1: object height [m] 0.09, tower height [m] 0.11" in text
-    assert "within 100" in text and "error [m] at 0 |" in text
+    assert "within 100" not in text  # these runs had fewer rollouts
+    assert "error [m] at 0 |" in text
     with pytest.raises(BenchmarkError, match="--reference has no meaning for extrapolation runs"):
         figures(records, ["ACNMP"], [Path("x.npy")])
 

@@ -114,7 +114,8 @@ def test_a_skill_stands_beside_its_twins(name: str, budget: int, n_test: int, al
     """Nothing is demonstrated, and trying the policy costs no more rollouts than two runs."""
     recipe = find_recipe(name)
     twins = {"twin, nearest", "twin, ridge", "twin, Gaussian process"}
-    assert set(recipe.algorithms) == {"RC-NMP"} | twins | alone
+    rivals = {"contextual CMA-ES", "contextual REPS"}
+    assert set(recipe.algorithms) == {"RC-NMP"} | twins | rivals | alone
     assert (recipe.budget, recipe.n_seeds) == (budget, 5)
     (protocol,) = recipe.protocols
     assert protocol.settings["n_demonstrations"] == 0 and protocol.settings["n_test"] == n_test

@@ -352,7 +352,7 @@ def test_the_batched_vec_env_refuses_a_mix_of_tasks() -> None:
 
 @TASKS
 def test_the_terms_and_summands_of_the_reward_are_those_that_are_documented(task_id: str) -> None:
-    variants: list[dict[str, Any]] = [{}, {"reward": "goal"}] if "Push" in task_id else [{}]
+    variants: list[dict[str, Any]] = [{}, {"reward": "goal"}] if task_id == "nmp/Push-v0" else [{}]
     for settings in variants:
         task = make_task(task_id, **settings)
         rollouts = task.simulate(context_of(task), task.initial_trajectory(context_of(task)))

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from benchmark_envs.exceptions import TaskError
 from benchmark_envs.rollouts import FloatArray
@@ -157,5 +156,7 @@ def approach_and_line(arm: PlanarArm, poses: FloatArray, share: float, n: int) -
     first = start + progress(n_first)[:, None] * (joints[0] - start)
     if len(joints) == 1:
         return first
+    from scipy.interpolate import PchipInterpolator  # slow to import, and none but the expert asks
+
     along = PchipInterpolator(np.linspace(0, 1, len(joints)), joints)
     return np.concatenate([first, along(progress(n - n_first))])

@@ -18,7 +18,7 @@ def distance_from_shapes(
     >>> curve = np.sin(np.linspace(0.0, 3.0, 50))[:, None]
     >>> shown = np.stack([-0.2 * curve, 0.2 * curve, 0.6 * curve])
     >>> [round(distance_from_shapes(one, shown), 6) for one in (2 * curve, 2 * curve + 1)]
-    [0.0, 0.412748]
+    [0.0, 0.416136]
 
     :param trajectory: shape (T, D)
     :param demonstrations: shape (N, T, D)
