@@ -1,10 +1,12 @@
 """Figure 5.4: the farther the via-point is from the demonstrations, the less shape is kept."""
 
 from itertools import groupby
+from typing import Any, cast
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from results.harness.records import RunRecord
 from results.report.figure_style import line_style, plain_axes
@@ -90,7 +92,8 @@ def draw(records: Records) -> Figure:
     """
     heights = list(by_height(records, OURS))
     figure = Figure(figsize=(13, 9.5), layout="constrained")
-    above, below = np.ravel(figure.subfigures(2, 1, height_ratios=(1.5, 1)))
+    both = cast(NDArray[Any], figure.subfigures(2, 1, height_ratios=(1.5, 1)))
+    above, below = both.ravel()
     panels = above.subplots(2, len(heights), sharex=True, sharey=True, squeeze=False)
     for row, label in zip(panels, (OURS, THESIS_NETWORK), strict=True):
         row[0].set_ylabel(f"{label}\ny [m]", fontsize=9)
