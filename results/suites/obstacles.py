@@ -10,7 +10,8 @@ from sb3_nmp import ACNMPAdaptation, ACNMPExploration, ShapedExploration
 
 #: as in the suite push: what is to be found is like what was shown
 EXPLORATION = ACNMPExploration.preset("push")
-OURS: dict[str, object] = {"exploration": EXPLORATION}
+OURS: dict[str, object] = {"exploration": EXPLORATION, "population_size": 3}
+OF_TWINS = OURS | {"exploration": ShapedExploration.preset("push")}
 OF_THESIS: dict[str, object] = {"policy_kwargs": {"cnmp": THESIS_NETWORK}}
 #: one rollout, the answer itself, from which nothing is learned
 NO_SEARCH: dict[str, object] = {
@@ -37,7 +38,7 @@ ALGORITHMS = {
     "ACNMP, network drives": replace(ACNMP, settings=OURS | NETWORK_DRIVES),
     "ACNMP, thesis's network": replace(ACNMP, settings=OURS | OF_THESIS),
     "ACNMP (thesis)": thesis_acnmp(**THESIS_SEARCH),
-    **twins("nearest", "ridge", "Gaussian process", exploration=ShapedExploration.preset("push")),
+    **twins("nearest", "ridge", "Gaussian process", **OF_TWINS),
     "LfD alone": replace(
         ACNMP, settings=NO_SEARCH, budget=1, description="ACNMP's network, no search"
     ),
