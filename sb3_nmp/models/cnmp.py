@@ -135,9 +135,9 @@ class CNMP(nn.Module):
 
         :param demonstrations: N of them, whose scale is known (`set_scale`)
         """
-        contexts, values = self._normalised(demonstrations)
         if self.gate is None:
-            return th.zeros(len(values), dtype=th.long, device=values.device)
+            return self._no_modes(demonstrations)
+        contexts, values = self._normalised(demonstrations)
         at = th.linspace(0, len(self.times) - 1, N_MOMENTS).round().long()
         shapes = values[:, at].flatten(1).cpu().numpy().astype(np.float64)
         found = sort_into_modes(contexts.cpu().numpy(), shapes, self.gate.n_modes)
@@ -148,8 +148,14 @@ class CNMP(nn.Module):
 
         :param demonstrations: N of them
         """
+        if self.gate is None:
+            return self._no_modes(demonstrations)
         answers = self.each_mode(self.times.new_tensor(demonstrations.contexts))
         return self._nearest(self.normalise(answers) - self._normalised(demonstrations)[1][:, None])
+
+    def _no_modes(self, demonstrations: Demonstrations) -> th.Tensor:
+        """Return mode 0 for each, shape (N,), without a gate."""
+        return th.zeros(len(demonstrations), dtype=th.long, device=self.times.device)
 
     def _nearest(self, misses: th.Tensor) -> th.Tensor:
         """Return the modes with the least squared misses, given as (B, modes, *, D)."""
