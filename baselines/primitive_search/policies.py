@@ -1,22 +1,19 @@
 """The policy of searches over primitives: the best trajectory seen, else where they start."""
 
-from typing import Any
-
 import numpy as np
 import torch as th
 from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.type_aliases import Schedule
 
-from baselines.bayesian.policies import KnownTrajectories
-from baselines.regression import Regression, check_regression
+from baselines.bayesian.policies import BOPolicy
+from baselines.regression import Regression
 from sb3_nmp.common.demonstrations import Demonstrations
-from sb3_nmp.common.policies import ElitePolicy
 
 FloatArray = NDArray[np.float64]
 
 
-class StartPolicy(ElitePolicy):
+class StartPolicy(BOPolicy):
     """Answers a context with the best trajectory seen in it, else with where a search starts.
 
     That is what a regression on demonstrations answers; without them, one trajectory.
@@ -43,15 +40,9 @@ class StartPolicy(ElitePolicy):
         lr_schedule: Schedule | None = None,
         regression: Regression = "gaussian-process",
     ) -> None:
-        super().__init__(observation_space, action_space)
-        check_regression(regression)
-        self.settings: dict[str, Any] = {"regression": regression}
-        self.known = KnownTrajectories(self.context_dim, self.trajectory_shape, regression)
+        super().__init__(observation_space, action_space, lr_schedule, regression)
         middle = (action_space.low.astype(np.float64) + action_space.high) / 2
         self.register_buffer("initial", th.as_tensor(middle))
-
-    def _get_constructor_parameters(self) -> dict[str, Any]:
-        return super()._get_constructor_parameters() | self.settings
 
     @property
     def was_shown(self) -> bool:
