@@ -15,7 +15,15 @@ from results.report.figure_style import save_figures
 from results.report.text_table import Page, Section, TextTable
 from results.suites import find_recipe
 from results.thesis import find_figure
-from results.thesis.interface import Finding, SamplingRuns, SuiteRuns, ThesisFigure, verdict
+from results.thesis.interface import (
+    Finding,
+    Runs,
+    SamplingRuns,
+    SuiteRuns,
+    ThesisFigure,
+    TransferRuns,
+    verdict,
+)
 
 QUICK_NOTE = "These are quick runs, too few and too short for conclusions; leave out --quick."
 
@@ -40,7 +48,7 @@ class Request:
         """
         return f"{name}-quick" if self.quick else name
 
-    def place(self, asked: SuiteRuns | SamplingRuns) -> Path:
+    def place(self, asked: Runs) -> Path:
         """Return the folder of some of the runs.
 
         :param asked: the runs
@@ -62,6 +70,8 @@ def reproduce(name: str, request: Request, tell: Callable[[str], None] = print) 
     for runs in asked:
         if isinstance(runs, SamplingRuns):
             _run_sampling(runs, request, tell)
+        elif isinstance(runs, TransferRuns):
+            _run_transfer(runs, request, tell)
         else:
             _run_suite(runs, request)
         records[runs.folder] = read_records(request.place(runs)).records
@@ -101,6 +111,13 @@ def _run_sampling(asked: SamplingRuns, request: Request, tell: Callable[[str], N
 
     runs = sampling_runs(range(asked.n_seeds), asked.categories, asked.shortened)
     run_sampling(request.place(asked), runs, request.n_workers, tell)
+
+
+def _run_transfer(asked: TransferRuns, request: Request, tell: Callable[[str], None]) -> None:
+    from results.transfer.latents import latent_runs, run_latents
+
+    runs = latent_runs(asked.n_seeds, asked.shortened)
+    run_latents(request.place(asked), runs, request.n_workers, tell)
 
 
 def _run_suite(asked: SuiteRuns, request: Request) -> None:

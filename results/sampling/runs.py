@@ -4,31 +4,15 @@ A run is one network, trained with one seed; it has a record as runs of suites h
 rollouts: its budget counts training steps.
 """
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch as th
-from joblib import delayed
 
-from results.exceptions import SettingsClashError
-from results.harness.processes import in_processes
-from results.harness.provenance import provenance
-from results.harness.record_files import read_record, write_record
-from results.harness.records import (
-    Measurements,
-    ProtocolRecord,
-    Provenance,
-    Result,
-    RunRecord,
-    Seconds,
-    SpecificationRecord,
-    SuiteRecord,
-    TaskRecord,
-)
+from results.harness.records import ProtocolRecord, SpecificationRecord, SuiteRecord, TaskRecord
+from results.harness.training_runs import train_missing
 from results.sampling.curves import BUNDLES, HEIGHTS, bundle_heights, curves
 from results.sampling.measures import bundles_found, in_gap, inside, spanned
 from results.sampling.models import SamplingTraining, train_cnmp, train_sampler
@@ -117,40 +101,6 @@ def _plain(values: np.ndarray) -> list[Any]:
     return values.round(DECIMALS).astype(float).round(DECIMALS).tolist()
 
 
-def done(folder: Path, run: SamplingRun) -> bool:
-    """Tell whether a folder holds a run.
-
-    :param folder: of the runs
-    :param run: which
-    :raises SettingsClashError: it holds the run with other settings
-    """
-    path = folder / f"{run.record.stem}.json"
-    if not path.exists():
-        return False
-    if read_record(path).specification != run.record:
-        raise SettingsClashError(
-            f"'{path}' was made with other settings than are asked for; name another folder "
-            "(--out) or remove the file."
-        )
-    return True
-
-
-def train_and_write(run: SamplingRun, folder: Path, origin: Provenance) -> str:
-    """Do a run, write its record and return its name.
-
-    :param run: which
-    :param folder: of the runs
-    :param origin: where the runs come from
-    """
-    th.set_num_threads(1)
-    start = time.perf_counter()
-    measured = Measurements({"rollouts": [0]}, more=measure(run))
-    result = Result(TASK, Seconds(time.perf_counter() - start, 0.0), measured)
-    path = folder / f"{run.record.stem}.json"
-    write_record(path, RunRecord(run.record, origin, "finished", result))
-    return run.record.name
-
-
 def run_sampling(
     folder: Path,
     runs: Sequence[SamplingRun],
@@ -165,9 +115,4 @@ def run_sampling(
     :param tell: is told the name of each run that has ended
     :raises SettingsClashError: the folder holds one of them with other settings
     """
-    todo = [run for run in runs if not done(folder, run)]
-    folder.mkdir(parents=True, exist_ok=True)
-    origin = provenance()
-    jobs = (delayed(train_and_write)(run, folder, origin) for run in todo)
-    for name in in_processes(jobs, len(todo), n_workers):
-        tell(name)
+    train_missing(folder, runs, measure, TASK, n_workers, tell)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 TABLES = ("table-5.1", "table-5.2")
 FIGURES = (
-    "fig-5.3", "fig-5.4", "fig-5.5", "fig-5.6", "fig-5.12",
+    "fig-5.3", "fig-5.4", "fig-5.5", "fig-5.6", "fig-5.8", "fig-5.9", "fig-5.12",
     "fig-6.2", "fig-6.3", "fig-6.4", "fig-6.5", "fig-6.6",
 )  # fmt: skip
 #: all that `find_figure` knows

@@ -55,6 +55,24 @@ class SamplingRuns:
 
 
 @dataclass(frozen=True)
+class TransferRuns:
+    """Trainings of two arms' networks on proxy skills.
+
+    :param folder: that holds their records
+    :param n_seeds: from 2 on; the settings were chosen on 0 and 1
+    :param shortened: factor on the number of training steps
+    """
+
+    folder: str
+    n_seeds: int
+    shortened: float = 1.0
+
+
+#: what `nmp-bench reproduce` knows to make
+Runs = SuiteRuns | SamplingRuns | TransferRuns
+
+
+@dataclass(frozen=True)
 class Finding:
     """One claim of the thesis, and what came out here.
 
@@ -85,8 +103,8 @@ class ThesisFigure:
 
     name: str
     made: str
-    full: tuple[SuiteRuns | SamplingRuns, ...]
-    quick: tuple[SuiteRuns | SamplingRuns, ...]
+    full: tuple[Runs, ...]
+    quick: tuple[Runs, ...]
     findings: Callable[[Records], list[Finding]]
     draw: Callable[[Records], "Figure"] | None = None
     tables: Callable[[Records], Sequence[TextTable]] | None = None

@@ -1,5 +1,6 @@
 """`SkillTransfer`: what one robot shows becomes a trajectory of another (thesis 5.1, Fig. 5.2)."""
 
+from collections.abc import Callable
 from typing import Any, Literal, Self, get_args, overload
 
 import numpy as np
@@ -82,9 +83,11 @@ class SkillTransfer:
         """The target robot's CNMP."""
         return self._networks[1]
 
-    def fit(self) -> Self:
+    def fit(self, watch: Callable[[int], None] | None = None) -> Self:
         """Train both networks on the proxy skills (Eq. 5.4); a second call goes on.
 
+        :param watch: is told the number of steps that are done, from 0 on, and may `encode`,
+            `decode` and `translate` by what has been learned until then
         :raises ConfigurationError: it was loaded, so its demonstrations are not at hand
         """
         if self.skills is None:
@@ -99,10 +102,11 @@ class SkillTransfer:
             cnmp.set_scale(Demonstrations(np.zeros((len(shown), 1)), shown.trajectories))
             values = cnmp.normalise(cnmp.times.new_tensor(shown.trajectories))
             robots.append((cnmp.train(), values))
-        train_pair(self._networks, PairSampler(self.training, robots, self.rng), self.training)
+        self.is_fitted = True  # as far as it is, for whoever watches
+        sampler = PairSampler(self.training, robots, self.rng)
+        train_pair(self._networks, sampler, self.training, watch)
         for cnmp in self._networks:
             cnmp.train(False)
-        self.is_fitted = True
         return self
 
     # -- translation ---------------------------------------------------------------------------

@@ -4,7 +4,7 @@ Shape letters: N proxy skills, B batch, T time points, D dimensions, O condition
 points, E members.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch as th
@@ -91,18 +91,22 @@ def train_pair(
     networks: tuple[CNMP, CNMP],
     sampler: PairSampler,
     settings: TransferTraining,
+    watch: Callable[[int], None] | None = None,
 ) -> None:
     """Train both networks by Eq. 5.4.
 
     :param networks: of the two robots, scaled to their demonstrations
     :param sampler: of the batches
     :param settings: of the training
+    :param watch: is told the number of steps that are done, from 0 on
     """
     parameters = [p for cnmp in networks for p in cnmp.parameters()]
     rate, decay = settings.learning_rate, settings.weight_decay
     optimizer = th.optim.AdamW(parameters, rate, weight_decay=decay, fused=True)
     batches: list[Pair] = []
     for step in range(settings.n_steps):
+        if watch is not None:
+            watch(step)
         if step % CHUNK == 0:
             batches = sampler.draw(min(CHUNK, settings.n_steps - step))
         update_learning_rate(optimizer, cosine(rate, step / settings.n_steps))
@@ -110,3 +114,5 @@ def train_pair(
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
+    if watch is not None:
+        watch(settings.n_steps)
