@@ -1,5 +1,6 @@
 """Figures 5.8 and 5.9: the common latent space of two arms, watched while it is formed."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from benchmark_envs import make_task
 from benchmark_envs.tasks.planar_arm_task import PlanarArmTask
+from results.exceptions import SettingsClashError
 from results.harness.records import ProtocolRecord, RunRecord
 from results.thesis import find_figure
 from results.transfer.latents import (
@@ -17,6 +19,7 @@ from results.transfer.latents import (
     _snapshot,
     agreement,
     latent_runs,
+    run_latents,
     shuffled,
     views,
 )
@@ -83,6 +86,18 @@ def test_runs_have_seeds_that_were_not_tuned_on_and_differ_in_the_distance_alone
     assert weights[0] > 0 == weights[1]
     assert runs[0].record.stem != runs[1].record.stem
     assert LatentRun(True, 2).record.budget == 10 * runs[0].record.budget
+
+
+def test_runs_that_a_folder_holds_are_kept_and_others_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("results.transfer.latents.measure", lambda run: {"seed": run.seed})
+    told: list[str] = []
+    for _ in range(2):
+        run_latents(tmp_path, latent_runs(1), 1, told.append)
+    assert len(told) == len(list(tmp_path.iterdir())) == 2
+    with pytest.raises(SettingsClashError, match="other settings"):
+        run_latents(tmp_path, [LatentRun(True, 2, n_steps=1)], 1, told.append)
 
 
 def test_scenes_show_the_arm_at_its_target_and_the_slot_around_it() -> None:

@@ -103,7 +103,7 @@ def draw(records: Records) -> Figure:
             _draw_latents(axes, run.measured.more["latents"][stage])
             axes.set_ylabel(f"{stage}: latent 2" if column == 0 else "", fontsize=9)
         what = "no linear trend" if "trend" in label else "ours"
-        panels[0, column].set_title(f"{what}, {kind} the demonstrations", fontsize=9)
+        panels[0, column].set_title(f"{what}: {kind} what was shown", fontsize=9)
         panels[-1, column].set_xlabel("latent 1")
     handles, names = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=4, frameon=False)
@@ -120,7 +120,7 @@ def _draw_latents(axes: Axes, latents: dict[str, Any]) -> None:
     axes.plot(*latents["found"], "*", color="#D55E00", markersize=13, label="found")
     place, off = place_of(latents)
     text = f"place {place:.2f}, off {off:.2f}\ndecoded {latents['error']:.3f} m off"
-    axes.annotate(text, (0.03, 0.03), xycoords="axes fraction", fontsize=8)
+    axes.annotate(text, (0.5, 0.97), xycoords="axes fraction", fontsize=8, ha="center", va="top")
     plain_axes(axes)
 
 

@@ -73,7 +73,7 @@ def draw(records: Records) -> Figure:
         for run in chosen(records[FOLDER], OURS)
         if run.measured.more["scenes"]
     )
-    figure = Figure(figsize=(14, 7), layout="constrained")
+    figure = Figure(figsize=(14, 6.6), layout="constrained")
     panels = figure.subplots(len(ARMS), len(TASKS), sharex=True, sharey=True, squeeze=False)
     for scene in drawn:
         row, column = list(ARMS).index(scene["arm"]), list(TASKS).index(scene["task"])
@@ -95,10 +95,10 @@ def _draw_scene(axes: Axes, scene: dict[str, Any]) -> None:
     for line, alpha in zip(scene["arm_lines"], ALPHAS, strict=True):
         name = "arm, from base to tip" if alpha == ALPHAS[-1] else None
         axes.plot(*np.array(line).T, "o-", color="0.2", alpha=alpha, markersize=4, label=name)
-    moved = "thing that is moved" if scene["thing"] else None
-    axes.plot(*np.array(scene["path"]).T, color=COLOURS[0], linewidth=2.5, label=moved)
+    path = "path of what is pushed, or else of the tip"
+    axes.plot(*np.array(scene["path"]).T, color=COLOURS[0], linewidth=2.5, label=path)
     axes.plot(*scene["target"], "*", color=COLOURS[1], markersize=13, label="target")
-    axes.set_aspect("equal")
+    axes.set(aspect="equal", xlim=(-0.12, 0.55), ylim=(-0.32, 0.24))
     plain_axes(axes)
 
 

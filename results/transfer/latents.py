@@ -59,9 +59,11 @@ class LatentRun:
     @property
     def record(self) -> SpecificationRecord:
         """The specification as records keep it."""
+        settings = asdict(self.training)
+        settings["conditioning_points"] = list(self.training.conditioning_points)  # as in JSON
         return SpecificationRecord(
             "SkillTransfer" if self.shared else APART, "", "skill-transfer",
-            asdict(self.training), "transfer", {}, self.seed, self.n_steps, True,
+            settings, "transfer", {}, self.seed, self.n_steps, True,
             ProtocolRecord("transfer"), SuiteRecord("transfer"),
         )  # fmt: skip
 
