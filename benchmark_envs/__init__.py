@@ -6,10 +6,12 @@
 from typing import TYPE_CHECKING, Any
 
 from benchmark_envs.cache import ContextCache
+from benchmark_envs.checking import check_task
 from benchmark_envs.exceptions import (
     InvalidContextError,
     InvalidTrajectoryError,
     RenderingUnavailableError,
+    TaskContractError,
     TaskError,
     UnknownTaskError,
 )
@@ -83,12 +85,14 @@ __all__ = [
     "Rollouts",
     "SensorLog",
     "Task",
+    "TaskContractError",
     "TaskError",
     "TrajectoryActionWrapper",
     "TrajectoryEnv",
     "TrajectoryVecEnv",
     "UnknownTaskError",
     "ViaPointsTask",
+    "check_task",
     "draw",
     "extrapolation",
     "fetch_env",

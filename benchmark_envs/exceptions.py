@@ -20,5 +20,9 @@ class InvalidTrajectoryError(TaskError):
     """A trajectory has the wrong shape or holds a non-finite value."""
 
 
+class TaskContractError(TaskError):
+    """A task breaks a rule on which environments and algorithms rely (`check_task`)."""
+
+
 class RenderingUnavailableError(RuntimeError):
     """No off-screen OpenGL renderer could be started, or the task draws no pictures."""
