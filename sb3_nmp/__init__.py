@@ -3,10 +3,12 @@
 from sb3_nmp.acnmp import ACNMP, ACNMPAdaptation, ACNMPCritic, ACNMPExploration, ACNMPPolicy
 from sb3_nmp.acnmp.distribution import TrajectoryDistribution
 from sb3_nmp.bayesian.settings import ShapedExploration
+from sb3_nmp.checking import check_algorithm
 from sb3_nmp.common.algorithm import TrajectoryAlgorithm
 from sb3_nmp.common.contextual import ContextualExploration
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import (
+    AlgorithmContractError,
     ConfigurationError,
     ContextWarning,
     FileFormatError,
@@ -40,6 +42,7 @@ __all__ = [
     "ACNMPCritic",
     "ACNMPExploration",
     "ACNMPPolicy",
+    "AlgorithmContractError",
     "CNMPArchitecture",
     "CNMPPretraining",
     "ConfigurationError",
@@ -65,6 +68,7 @@ __all__ = [
     "UnknownArgumentError",
     "UnsafeFileError",
     "ViaPointWarning",
+    "check_algorithm",
     "load_vec_normalize",
     "resample",
     "save_vec_normalize",

@@ -1,4 +1,7 @@
-"""The SB3 contract, for every algorithm: learn, predict, save, load, resume, callbacks, logs."""
+"""The SB3 contract, for every algorithm: learn, predict, save, load, resume, callbacks, logs.
+
+What `sb3_nmp.check_algorithm` asks of any algorithm stands in tests/test_check_algorithm.py.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -93,13 +96,6 @@ def test_contexts_of_either_precision_are_answered_alike(algorithm: Algorithm) -
 
 
 @EVERY
-def test_equal_seeds_give_equal_runs_and_different_seeds_do_not(algorithm: Algorithm) -> None:
-    runs = [run(build(algorithm, seed=seed), 3 * POPULATION) for seed in (3, 3, 4)]
-    assert_same_rollouts(runs[0], runs[1])
-    assert not np.array_equal(runs[0].trajectories, runs[2].trajectories)
-
-
-@EVERY
 def test_one_environment_and_a_batch_of_them_give_the_same_bits(algorithm: Algorithm) -> None:
     single = run(build(algorithm, vec_env(1)), 4 * POPULATION)
     for n_envs in (2, POPULATION):
@@ -129,16 +125,6 @@ def test_an_interrupted_and_resumed_run_equals_an_uninterrupted_one(
     resumed = run(loaded, 4 * POPULATION - cut, reset_num_timesteps=False)
     assert loaded.num_timesteps == 4 * POPULATION
     np.testing.assert_array_equal([*begun.trajectories, *resumed.trajectories], whole.trajectories)
-
-
-@EVERY
-def test_learning_in_two_calls_equals_learning_in_one(algorithm: Algorithm) -> None:
-    whole = run(build(algorithm), 3 * POPULATION)
-    model = build(algorithm)
-    parts = [run(model, n, reset_num_timesteps=False) for n in (POPULATION + 2, 2 * POPULATION - 2)]
-    np.testing.assert_array_equal(
-        np.concatenate([part.trajectories for part in parts]), whole.trajectories
-    )
 
 
 @EVERY
@@ -307,14 +293,3 @@ def test_a_generation_is_complete_and_in_order(
     assert [len(g.rewards) for g in seen] == [POPULATION, POPULATION]
     sent = np.concatenate([g.trajectories for g in seen])
     np.testing.assert_array_equal(sent, recorder.trajectories)
-
-
-@EVERY
-def test_the_global_generators_are_left_alone_after_construction(algorithm: Algorithm) -> None:
-    """An algorithm draws from its own generator only."""
-    one = build(algorithm)
-    two = build(algorithm)
-    recorded = run(one, 3 * POPULATION)
-    np.random.seed(99)
-    th.manual_seed(99)
-    assert_same_rollouts(recorded, run(two, 3 * POPULATION))

@@ -3,10 +3,8 @@
 from collections.abc import Callable
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -21,8 +19,9 @@ from sb3_nmp import (
     Demonstrations,
     TrajectoryAlgorithm,
 )
+from sb3_nmp.checking.environments import Telling
 from sb3_nmp.common.policies import ElitePolicy
-from sb3_nmp.common.rollouts import TERM_PREFIX, Information
+from sb3_nmp.common.rollouts import Information
 from sb3_nmp.rcnmp.achievement import RCNMPAchievement
 from sb3_nmp.rcnmp.skill import RCNMPSkill
 from tests.registry import ALGORITHMS, DEMONSTRATIONS, ENV_ID, POPULATION
@@ -53,37 +52,6 @@ CASES: dict[str, tuple[Algorithm, dict[str, Any], dict[str, Any]]] = {
     "GA over contexts": (GA, {}, VARYING),
     "GA over contexts, no relabelling": (GA, {"relabel": False}, VARYING),
 }
-
-
-class Telling(gym.Wrapper[Any, Any, Any, Any]):
-    """Tells all that can be told, made up at random; one kind can be told otherwise."""
-
-    tells_achievement = True
-
-    def __init__(self, env: gym.Env[Any, Any], altered: Information | None = None) -> None:
-        super().__init__(env)
-        self.altered, self.n_steps = altered, 0
-
-    def _drawn(self, kind: Information) -> np.random.Generator:
-        return np.random.default_rng([self.n_steps, list(Information).index(kind)])
-
-    def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        obs, given, ended, cut, info = self.env.step(action)
-        self.n_steps += 1
-        told = {kind: self._drawn(kind).uniform(0.2, 0.8) for kind in Information}
-        if self.altered is not None:
-            told[self.altered] = 1.0 - told[self.altered]
-        reward = float(given) - 20.0 * told[Information.REWARD]
-        info = {key: info[key] for key in info if not key.startswith(TERM_PREFIX)}
-        share, space = told[Information.TERMS], self.env.observation_space
-        assert isinstance(space, gym.spaces.Box)
-        info[f"{TERM_PREFIX}one"] = share * reward
-        info[f"{TERM_PREFIX}other"] = (1.0 - share) * reward
-        info["is_success"] = bool(told[Information.SUCCESS] > 0.5)
-        info["step_rewards"] = np.sin(100.0 * told[Information.STEP_REWARDS] * np.arange(200))
-        along = told[Information.ACHIEVED_CONTEXTS]
-        info["achieved_context"] = space.low + along * (space.high - space.low)
-        return obs, reward, ended, cut, info
 
 
 def environment(altered: Information | None, task: dict[str, Any]) -> VecEnv:

@@ -33,7 +33,9 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
         r"`mylab/([\w./]+)`[^`]*?:?\n?[^`]*?```(?:toml|py)\n(.*?)```", PAGE, re.DOTALL
     )
     written = dict(blocks)
-    assert set(written) == {"pyproject.toml", "mylab/tasks.py", "mylab/algos.py"}
+    assert set(written) == {
+        "pyproject.toml", "mylab/tasks.py", "mylab/algos.py", "test_mylab.py",
+    }  # fmt: skip
     assert sum(text.count("\n") for text in written.values()) < 130
     for name, text in written.items():
         (folder / name).write_text(text, encoding="utf-8")
@@ -89,6 +91,12 @@ assert main([*asked, *more, "--out", "{tmp_path}"]) == 0
     assert done.returncode == 0, done.stderr
     labels = [record.specification.label for record in read_records(tmp_path).records]
     assert labels == ["RandomSearch"] * 2
+
+
+def test_the_package_keeps_the_contract(source: Path, tmp_path: Path) -> None:
+    script = f"import pytest; raise SystemExit(pytest.main(['-q', '{source}/test_mylab.py']))"
+    done = elsewhere(tmp_path, script, source)
+    assert done.returncode == 0 and "1 passed" in done.stdout, done.stdout
 
 
 def test_a_module_that_a_worker_cannot_import_is_told_in_the_runs_record(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import inspect
 
 import numpy as np
 from gymnasium.utils.env_checker import check_env
+from numpy.typing import ArrayLike
 
 from benchmark_envs.checking.examined import Examined, built_again, require
 from benchmark_envs.exceptions import TaskContractError
@@ -20,7 +21,7 @@ def what_is_measured_has_its_shapes(it: Examined) -> None:
         f"{it.name}._execute returned a {type(measured).__name__}; it must be a Measured.",
     )
     n = (2,)
-    shapes: dict[str, tuple[object, tuple[int, ...]]] = {
+    shapes: dict[str, tuple[ArrayLike | None, tuple[int, ...]]] = {
         "executed": (measured.executed, trajectories.shape),
         "successes": (measured.successes, n),
         "diverged": (measured.diverged, n),
@@ -31,10 +32,11 @@ def what_is_measured_has_its_shapes(it: Examined) -> None:
         **{f"outcomes['{key}']": (value, n) for key, value in measured.outcomes.items()},
     }
     for name, (value, shape) in shapes.items():
+        found = shape if value is None else np.shape(value)
         require(
-            value is None or np.shape(value) == shape,
-            f"{it.name} measured {name} of shape {np.shape(value)}; it must have shape {shape}, a "
-            f"row for each of 2 rollouts.",
+            found == shape,
+            f"{it.name} measured {name} of shape {found}; it must have shape {shape}, a "
+            "row for each of 2 rollouts.",
         )
     for name in ("successes", "diverged", "clipped"):
         value = getattr(measured, name)

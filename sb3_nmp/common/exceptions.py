@@ -13,6 +13,10 @@ class InvalidDataError(ValueError):
     """Trajectories, contexts or rewards have the wrong shape or hold non-finite values."""
 
 
+class AlgorithmContractError(ValueError):
+    """An algorithm breaks a rule on which Stable-Baselines3 and the benchmark rely."""
+
+
 class FileFormatError(ValueError):
     """A file is not one that this library wrote."""
 
