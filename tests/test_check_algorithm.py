@@ -17,7 +17,8 @@ from tests.registry import ALGORITHMS, POPULATION
 
 SHOWN = {"demonstrations": ReachEnv.demonstrations()}
 #: each rollout of theirs costs an optimisation
-SMALLER = {TuRBO: {"population_size": 4}, LogEI: {"population_size": 4, "n_initial": 6}}
+ASCENT = {"n_restarts": 1, "n_ascent": 2, "n_initial": 8}
+SMALLER = {TuRBO: {"population_size": 4}, LogEI: {"population_size": 4, **ASCENT}}
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS, ids=lambda each: each.__name__)
