@@ -1,6 +1,8 @@
 """The leaderboard: rows are made once, forged ones are caught, worse programs raise the alarm."""
 
 import json
+import shlex
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -79,6 +81,22 @@ def test_the_same_command_again_skips_everything(
     assert 0 < row.solved < N_SEEDS  # else the forgeries below have nothing to forge
     assert len(evidence.solving) == row.solved
     assert f"| Hill | {N_SEEDS} | {row.solved}/{N_SEEDS} |" in (made / "data/README.md").read_text()
+
+
+def test_runs_that_may_not_be_mixed_are_done_again_as_the_message_says(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One run of another commit: update refuses the row, names a command, and that one mends it."""
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
+    path = next((tmp_path / "runs/hills").glob("*.json"))
+    path.write_text(path.read_text().replace('"commit": ', '"commit": "c0ffee", "old": ', 1))
+    assert update(tmp_path) == 2
+    told = capsys.readouterr().err
+    asked = "nmp-bench leaderboard update --board hills --algorithms 'Hill' --overwrite"
+    assert "differ in commit" in told and asked in told
+    where = ["--data", str(tmp_path / "data"), "--out", str(tmp_path / "runs"), "--workers", "1"]
+    assert main([*shlex.split(asked)[1:], *where]) == 0
+    assert the_row(tmp_path / "data")[0].claims == the_row(made / "data")[0].claims
 
 
 def test_an_honest_row_holds(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -349,6 +367,7 @@ def test_contexts_are_judged_apart() -> None:
         (["check", "--board", "nope"], "no board 'nope'; the leaderboard has bottles"),
         (["verify", "--board", "hills", "--data", "nowhere"], "'nowhere' holds no such row"),
         (["verify", "--board", "hills", "--algorithms", "nope"], "it has Hill"),
+        (["check", "--overwrite"], "--overwrite goes with update"),
     ],
 )
 def test_wrong_usage_is_told(

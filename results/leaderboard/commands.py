@@ -38,6 +38,7 @@ def add_leaderboard(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, default=RUNS, metavar="DIR", help="of the runs (default: %(default)s)"
     )
+    parser.add_argument("--overwrite", action="store_true", help="update: do finished runs again")
     parser.add_argument(
         "--data", type=Path, metavar="DIR", help="of the rows (default: those of this repository)"
     )
@@ -48,8 +49,13 @@ def leaderboard(options: argparse.Namespace) -> int:
 
     :param options: the parsed arguments
     """
+    from results.exceptions import BenchmarkError
     from results.leaderboard.boards import BOARDS, DATA, find_board
 
+    if options.overwrite and options.what != "update":
+        raise BenchmarkError(
+            f"--overwrite goes with update, which does runs and keeps them; {options.what} keeps none."
+        )
     boards = {name: find_board(name) for name in options.board or BOARDS}
     data = options.data or DATA
     doing = {"show": _show, "update": _update, "check": _check, "verify": _verify}
@@ -100,7 +106,9 @@ def _update(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> 
     for name, board in boards.items():
         folder = options.out / name
         runs = board.runs(name, options.algorithms)
-        status = run_with_progress(plan_runs(folder, runs), options.workers) or status
+        status = (
+            run_with_progress(plan_runs(folder, runs, options.overwrite), options.workers) or status
+        )
         records = {record.specification.stem: record for record in read_records(folder).records}
         for label in dict.fromkeys(run.label for run in runs):
             asked = [run.stem for run in runs if run.label == label]

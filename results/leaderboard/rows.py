@@ -132,7 +132,7 @@ def claim_of(record: RunRecord) -> Claim:
     if measured.context is None or greedy is None or greedy.reward is None:
         raise BenchmarkError(
             f"{asked.name} tells no trajectory in one context, or is from before records kept them "
-            "exactly; do it again (--overwrite)."
+            "exactly; do it again (nmp-bench leaderboard update --overwrite)."
         )
     count = rollouts_to_success(curve["rollouts"], curve["greedy_success"])
     solving = measured.rollouts.get("solving")
@@ -178,7 +178,7 @@ def make_row(board: str, records: Iterable[RunRecord]) -> tuple[Row, Evidence]:
     first = runs[0]
     asked = first.specification
     for record in runs:
-        _check_same_origin(first, record)
+        _check_same_origin(board, first, record)
     row = Row(
         board, asked.label, asked.description, asked.algorithm, asked.settings, asked.task,
         ProtocolRecord(asked.protocol.name, asked.protocol.settings), asked.budget, first.sees,
@@ -192,14 +192,15 @@ def _order(record: RunRecord) -> tuple[str, int, int]:
     return asked.variant, asked.protocol.number or 0, asked.seed
 
 
-def _check_same_origin(first: RunRecord, other: RunRecord) -> None:
+def _check_same_origin(board: str, first: RunRecord, other: RunRecord) -> None:
     one, two = first.provenance, other.provenance
     for name in ("commit", "dirty", "packages", "machine"):
         if getattr(one, name) != getattr(two, name):
             raise BenchmarkError(
                 f"{first.specification.name} and {other.specification.name} differ in {name} "
                 f"({getattr(one, name)} and {getattr(two, name)}); a row has one origin. Do all "
-                "its runs again (--overwrite)."
+                f"its runs again: nmp-bench leaderboard update --board {board} --algorithms "
+                f"'{first.specification.label}' --overwrite."
             )
 
 
