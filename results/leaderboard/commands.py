@@ -54,7 +54,8 @@ def leaderboard(options: argparse.Namespace) -> int:
 
     if options.overwrite and options.what != "update":
         raise BenchmarkError(
-            f"--overwrite goes with update, which does runs and keeps them; {options.what} keeps none."
+            f"--overwrite goes with update, which does runs and keeps them; "
+            f"{options.what} keeps none."
         )
     boards = {name: find_board(name) for name in options.board or BOARDS}
     data = options.data or DATA
