@@ -29,7 +29,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@echo "Installing the pinned packages in .venv (a minute or more)."
 	@$(PYTHON) -m venv .venv
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
-	    -e '.[dev,contrib,robotics]'
+	    -e '.[dev,contrib,robotics,robots]'
 	@touch $@
 	@echo "Installed in .venv."
 

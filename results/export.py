@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmark_envs import make_task
+from benchmark_envs.robots import MotionLimits
 from results.exceptions import BenchmarkError
 from results.render import RenderRequest, chosen_rollout, load_model
 from sb3_nmp import ConfigurationError
@@ -16,32 +17,48 @@ from sb3_nmp.common.onnx_files import export_onnx
 ENDINGS = (".csv", ".mcap", ".onnx")
 
 
-def export(request: RenderRequest, out: Path, names: Sequence[str] | None = None) -> None:
+def export(
+    request: RenderRequest,
+    out: Path,
+    names: Sequence[str] | None = None,
+    limits: MotionLimits | None = None,
+) -> None:
     """Write the trajectory of one context, or the policy.
 
     :param request: whose, and in which context
     :param out: ends in .csv or .mcap for the trajectory, in .onnx for the policy
     :param names: of the joints or coordinates; ``q1`` and so on by default
-    :raises BenchmarkError: another ending, a wrong number of names, no model for .onnx, a package
-        that is missing, or a policy that ONNX cannot hold
+    :param limits: that the trajectory has to keep; None: any is written
+    :raises TaskError: the trajectory exceeds a limit; the message names each
+    :raises BenchmarkError: limits of a policy, another ending, a wrong number of names, no model
+        for .onnx, a package that is missing, or a policy that ONNX cannot hold
     """
     if out.suffix not in ENDINGS:
         raise BenchmarkError(f"--out is '{out}'; its ending must be one of {', '.join(ENDINGS)}.")
     try:
+        if out.suffix == ".onnx" and limits is not None:
+            raise BenchmarkError(
+                "limits of velocity, acceleration and jerk are checked of one trajectory, and a "
+                "policy has many. Export .csv or .mcap, or leave the limits out."
+            )
         if out.suffix == ".onnx":
             export_onnx(load_model(request).policy, out)
         else:
-            _export_trajectory(request, out, names)
+            _export_trajectory(request, out, names, limits)
     except ConfigurationError as error:
         raise BenchmarkError(str(error)) from error
 
 
-def _export_trajectory(request: RenderRequest, out: Path, names: Sequence[str] | None) -> None:
+def _export_trajectory(
+    request: RenderRequest, out: Path, names: Sequence[str] | None, limits: MotionLimits | None
+) -> None:
     task = make_task(request.task)
     context, trajectory = chosen_rollout(request)
     n_dimensions = np.shape(trajectory)[1]
     if names is not None and len(names) != n_dimensions:
         raise BenchmarkError(f"--names has {len(names)} names; {n_dimensions} are needed.")
+    if limits is not None:
+        limits.check(trajectory, task.dt, task.trajectory_names)
     if out.suffix == ".csv":
         write_csv(out, [context], [trajectory], task.times, names)
     else:

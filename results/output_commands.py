@@ -31,6 +31,11 @@ def add_export(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(command=export)
     _add_source(parser)
     parser.add_argument("--names", nargs="+", metavar="NAME", help="of the joints or coordinates")
+    for quantity, unit in (("velocity", "s"), ("acceleration", "s²"), ("jerk", "s³")):
+        parser.add_argument(
+            f"--max-{quantity}", nargs="+", type=float, metavar="NUMBER",
+            help=f"per {unit}, one or one for each joint: nothing is written beyond it",
+        )  # fmt: skip
 
 
 def _add_source(parser: argparse.ArgumentParser) -> None:
@@ -84,6 +89,10 @@ def export(options: argparse.Namespace) -> int:
 
     :param options: the parsed arguments
     """
+    from benchmark_envs.robots import MotionLimits
     from results.export import export as write
 
-    return _write(options, lambda request, out: write(request, out, options.names))
+    o = options
+    given = (o.max_velocity, o.max_acceleration, o.max_jerk)
+    limits = MotionLimits(*given) if any(limit is not None for limit in given) else None
+    return _write(options, lambda request, out: write(request, out, o.names, limits))

@@ -73,6 +73,29 @@ def test_an_exported_trajectory_is_executed_as_the_models_own(
     assert reward_of(context, trajectory) == reward_of(context, own)
 
 
+@pytest.mark.parametrize(
+    ("limit", "said"),
+    [
+        (["--max-velocity", "3.5"], []),
+        (
+            ["--max-velocity", "0.1", "0.15", "9"],
+            ["joint 1: velocity", "joint 2: velocity", "as long"],
+        ),
+        (["--max-jerk", "1e-9"], ["joint 3: jerk", "rad/s³"]),
+        (["--max-velocity", "0"], ["velocity is [0.0]; it must be positive"]),
+        (["--max-velocity", "1", "1"], ["one for each of the 3 dimensions"]),
+    ],
+)
+def test_a_trajectory_beyond_the_limits_of_a_robot_is_not_written(
+    limit: list[str], said: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "path.csv"
+    status = main(["export", "nmp/Push-v0", "--expert", "default", "--out", str(out), *limit])
+    told = capsys.readouterr().err
+    assert (status, out.exists()) == ((0, True) if not said else (USAGE_ERROR, False))
+    assert all(part in told for part in said), told
+
+
 # -- ONNX ------------------------------------------------------------------------------------------
 
 

@@ -152,8 +152,8 @@ def _snapshot(
     return {
         "agreement": agreement(source, target, skills),
         "shuffled": shuffled(source, target, skills, np.random.default_rng(0)),
-        "unseen": agreement(*unseen, each),
-        "unseen_shuffled": shuffled(*unseen, each, np.random.default_rng(0)),
+        "unseen": agreement(unseen[0], unseen[1], each),
+        "unseen_shuffled": shuffled(unseen[0], unseen[1], each, np.random.default_rng(0)),
         "button": bool(nearest(buttons[0], among)[0] == 0),
         "map": np.asarray(map_of_both, np.float64).round(2).tolist(),
     }
