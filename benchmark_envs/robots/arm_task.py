@@ -27,7 +27,7 @@ Place = Callable[[FloatArray], ArrayLike]
 
 FARTHEST = 2.0  # m; a distance counts no more than this, so that the reward is bounded
 CACHED = 1024  # answers of the expert
-SCALES = {"rad": 0.1, "m": 0.03}  # with which a search may begin, by the joint's unit
+SCALES = {"rad": 0.05, "m": 0.02}  # with which a search may begin, by the joint's unit
 
 
 class ArmTask(MujocoTask):
@@ -192,20 +192,26 @@ class ArmTask(MujocoTask):
     def _measure(self, contexts: FloatArray, trajectories: FloatArray, log: SensorLog) -> Measured:
         executed = np.concatenate([log.readings[name] for name in self.arm.joints], axis=2)
         paths = {name: log.readings[name] for name in ("tip", *self.watched)}
-        misses = [self._misses(c, tip) for c, tip in zip(contexts, paths["tip"], strict=True)]
+        judged = [self._judge(c, tip) for c, tip in zip(contexts, paths["tip"], strict=True)]
         return Measured(
             executed=executed,
-            terms={"way": -np.array([np.minimum(each, FARTHEST).mean() for each in misses])},
-            successes=np.array([bool((each <= self.tolerance).all()) for each in misses]),
+            terms={"way": -np.array([miss for miss, _ in judged])},
+            successes=np.array([success for _, success in judged]),
             paths=paths,
         )
 
-    def _misses(self, context: FloatArray, tip: FloatArray) -> FloatArray:
-        """Return how far the tip is from each via-pose that counts when it is due, in m."""
+    def _judge(self, context: FloatArray, tip: FloatArray) -> tuple[float, bool]:
+        """Return how far the tip is on average from the via-poses that count, and a success.
+
+        :param context: shape (C,)
+        :param tip: its path, shape (T, 3) in m
+        """
         way = check_way(self.way(context))
-        counting = [(t, w) for t, w in zip(self._due(way), way, strict=True) if w.counts]
+        counting = [(t, each) for t, each in zip(self._due(way), way, strict=True) if each.counts]
         wanted = np.array([each.position for _, each in counting])
-        return np.linalg.norm(tip[[t for t, _ in counting]] - wanted, axis=1)
+        misses = np.linalg.norm(tip[[t for t, _ in counting]] - wanted, axis=1)
+        allowed = [each.tolerance or self.tolerance for _, each in counting]
+        return float(np.minimum(misses, FARTHEST).mean()), bool((misses <= allowed).all())
 
 
 def _box(low: ArrayLike, high: ArrayLike, names: tuple[str, ...]) -> spaces.Box:

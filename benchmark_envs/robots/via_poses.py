@@ -23,12 +23,14 @@ class ViaPose:
     :param at: when, as a part of the duration, in (0, 1]
     :param axis: where the tip's own axis (`Arm.axis`) is to point then, shape (3,); None: anywhere
     :param counts: whether the reward holds the tip against it
+    :param tolerance: how far off the tip may be in a success, in m; None: the task's
     """
 
     position: ArrayLike
     at: float = 1.0
     axis: ArrayLike | None = None
     counts: bool = True
+    tolerance: float | None = None
 
 
 def check_way(way: Sequence[ViaPose]) -> Sequence[ViaPose]:
