@@ -4,6 +4,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from results.exceptions import BenchmarkError
+from results.transfer.package_arms import UNIT, fetch, package_file, pusher, tasks_of, way_of
 from results.transfer.runs import Remembering, TransferRun, first_trajectory, nearest_skill
 from results.transfer.skills import BUTTON, PROXIES, SOURCE, TARGET, button, proxy_contexts, shown
 
@@ -47,3 +49,31 @@ def test_rollouts_are_remembered_and_scratch_begins_with_the_start_pose() -> Non
         (True, True),
     ]
     assert env.rollouts[0][0] == pytest.approx(-0.05009, abs=1e-4)
+
+
+# -- arms of packages ------------------------------------------------------------------------------
+
+
+def test_skills_lie_ahead_of_and_beside_either_arm() -> None:
+    middle, ahead = np.array([1.0, 2.0, 0.5]), np.array([0.0, 1.0, 0.0])
+    down, up = (way_of("press", np.array([0.5, 1.0]), middle, ahead)[i].position for i in (1, 2))
+    np.testing.assert_allclose(down, middle + UNIT * np.array([-0.5, 1.0, -0.5]))
+    np.testing.assert_allclose(up, middle + UNIT * np.array([-0.5, 1.0, 0.3]))
+    swept = [each.position for each in way_of("sweep", np.zeros(2), middle, ahead)]
+    np.testing.assert_allclose(swept, [middle, middle + UNIT * np.array([-0.8, 0.0, 0.0])])
+
+
+def test_the_pusher_does_every_skill_and_fetch_moves_eight_joints() -> None:
+    pytest.importorskip("mink", reason="the extra 'robots' is not installed")
+    tasks, place = tasks_of(pusher(), np.array([1.0, 0.0, 0.0])), np.array([0.4, -0.3])
+    assert len(tasks) == 4
+    for kind, task in tasks.items():
+        assert task.simulate(place, task.demonstrate(place)).successes[0], kind
+    pytest.importorskip("gymnasium_robotics", reason="the extra 'robotics' is not installed")
+    arm = fetch()
+    assert (arm.n_joints, arm.units[:2], arm.kinematic.nq) == (8, ("m", "rad"), 8)
+
+
+def test_a_package_that_is_not_installed_is_named() -> None:
+    with pytest.raises(BenchmarkError, match="no_such_arms is not installed; install it with"):
+        package_file("no_such_arms", "arm.xml")
