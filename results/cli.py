@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from results.exceptions import BenchmarkError
+from results.exchange.commands import add_export_ioh, add_import_sb3
 from results.leaderboard.commands import add_leaderboard
 from results.output_commands import add_export, add_import, add_render
 from results.suites import check_suite, describe_suites
@@ -79,6 +80,8 @@ def build_parser() -> argparse.ArgumentParser:
     )
     add_render(commands.add_parser("render", help="draw a run's or a model's rollout"))
     add_export(commands.add_parser("export", help="write a trajectory or a policy for others"))
+    add_import_sb3(commands.add_parser("import-sb3", help="take SB3's evaluations.npz as a run"))
+    add_export_ioh(commands.add_parser("export-ioh", help="write runs for IOHanalyzer"))
     return parser
 
 

@@ -1,5 +1,8 @@
 """Cheap algorithms, and a task without physics, with which the harness is tested."""
 
+import multiprocessing
+import os
+import signal
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, ClassVar, cast
@@ -85,6 +88,15 @@ class Broken(HillClimber):
     def _end_generation(self, generation: Generation) -> None:
         if self.seed is not None and self.seed % 2 == 0:
             raise RuntimeError("the matrix is singular")
+        super()._end_generation(generation)
+
+
+class Dying(HillClimber):
+    """Its worker process is killed after its first generation, if its seed is 1."""
+
+    def _end_generation(self, generation: Generation) -> None:
+        if self.seed == 1 and "Loky" in multiprocessing.current_process().name:
+            os.kill(os.getpid(), signal.SIGKILL)
         super()._end_generation(generation)
 
 

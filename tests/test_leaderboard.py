@@ -1,11 +1,14 @@
 """The leaderboard: rows are made once, forged ones are caught, worse programs raise the alarm."""
 
+import errno
 import json
+import os
 import shlex
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -249,6 +252,26 @@ def test_a_damaged_row_is_told_in_a_sentence(
     assert [why in problem for problem in verify_row(path).problems] == [True]
 
 
+def test_a_full_disk_leaves_the_row_that_was_there(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    row, evidence = the_row(made / "data")
+    path = write_row(tmp_path, row, evidence)
+    write = Path.write_bytes
+
+    def full(self: Path, content: bytes) -> int:
+        if ".json" in self.name:
+            write(self, content[:100])
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write(self, content)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(OSError, match="No space left"):
+        write_row(tmp_path, row, replace(evidence, final=evidence.final + 1))
+    assert sorted(each.name for each in path.parent.iterdir()) == ["hill.json", "hill.npz"]
+    assert verify_row(path).problems == []
+
+
 def test_another_cpu_is_allowed_a_tolerance(made: Path, tmp_path: Path) -> None:
     row, evidence = the_row(made / "data")
     assert row.provenance.machine is not None
@@ -300,6 +323,34 @@ def test_a_worse_program_raises_the_alarm(
     monkeypatch.setattr(results_fakes.HillClimber, "_end_generation", worst_kept)
     assert command("check", made / "data") == 1
     assert "WORSE" in capsys.readouterr().out
+
+
+def test_one_run_tells_any_change_to_the_bit(
+    made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also one that no statistic of ten runs would tell, such as a scale that is 1e-6 larger."""
+    assert command("check", made / "data", "--exact") == 0
+    assert "hills, Hill: 1 runs again, the same to the bit" in capsys.readouterr().out
+    propose = results_fakes.HillClimber._propose
+
+    def a_little_farther(self: results_fakes.HillClimber, *asked: Any) -> Any:
+        return propose(self, *asked) * (1 + 1e-6)
+
+    monkeypatch.setattr(results_fakes.HillClimber, "_propose", a_little_farther)
+    assert command("check", made / "data", "--exact") == 1
+    told = capsys.readouterr().out
+    assert "CHANGED: seed 500, 2 points ends at" in told and "--algorithms 'Hill' --overwrite" in told
+
+
+def test_bits_of_other_machines_are_not_compared(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    row, evidence = the_row(made / "data")
+    elsewhere = replace(row.provenance, packages=row.provenance.packages | {"torch": "1.0"})
+    wrong = changed_claim(replace(row, provenance=elsewhere), 0, mean_reward=9.0)
+    write_row(tmp_path, wrong, evidence)
+    assert command("check", tmp_path, "--exact") == 0
+    assert "not compared: the row was made with torch 1.0 (here" in capsys.readouterr().out
 
 
 def a_row(rng: np.random.Generator, n: int, first_seed: int = 0) -> tuple[Row, Evidence]:
@@ -367,6 +418,7 @@ def test_contexts_are_judged_apart() -> None:
         (["check", "--board", "nope"], "no board 'nope'; the leaderboard has bottles"),
         (["verify", "--board", "hills", "--data", "nowhere"], "'nowhere' holds no such row"),
         (["verify", "--board", "hills", "--algorithms", "nope"], "it has Hill"),
+        (["verify", "--exact"], "--exact goes with check"),
         (["check", "--overwrite"], "--overwrite goes with update"),
     ],
 )

@@ -4,15 +4,21 @@
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from baselines import GA, REPS
+from results.harness.provenance import provenance
+from results.harness.records import RunRecord
+from results.harness.runner import execute
 from results.leaderboard.boards import BOARDS, DATA
-from results.leaderboard.commands import judgements
+from results.leaderboard.commands import comparisons, judgements
 from results.leaderboard.files import row_path, row_paths
+from results.leaderboard.rows import Claim, claim_of
+from sb3_nmp import RCNMP, CNMPPretraining
 
 pytestmark = pytest.mark.leaderboard
 ROWS = row_paths(DATA)
@@ -43,8 +49,6 @@ def wrong_sign_of_the_reward_in_reps(patch: pytest.MonkeyPatch) -> None:
 
 
 def reverse_rewards(patch: pytest.MonkeyPatch, kind: type[GA] | type[REPS]) -> None:
-    from dataclasses import replace
-
     learn = kind._end_generation
 
     def reversed_rewards(self: Any, generation: Any) -> None:
@@ -95,3 +99,77 @@ def test_a_planted_regression_raises_the_alarm(
     path = row_path(DATA, "bottles", PLANTED[plant])
     (judged,) = judgements(BOARDS, [path], 1, len(ROWS))
     assert judged.worse(), judged.sentence()
+
+
+# -- to the bit ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", ROWS, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_one_seed_of_the_row_is_the_same_to_the_bit(path: Path) -> None:
+    (found,) = comparisons(BOARDS, [path], 1)
+    if found.unlike:
+        pytest.skip(found.sentence())
+    assert not found.changed, found.sentence()
+
+
+def worst_reward_asked_for_in_rcnmp(patch: pytest.MonkeyPatch) -> None:
+    train = RCNMP._train
+
+    def ask_for_the_worst(self: RCNMP) -> None:
+        train(self)
+        self.policy.target_reward.neg_()
+
+    patch.setattr(RCNMP, "_train", ask_for_the_worst)
+
+
+def wrong_sign_of_the_policy_gradient(patch: pytest.MonkeyPatch) -> None:
+    import sb3_nmp.acnmp.algorithm as module
+
+    loss = module.policy_gradient_loss
+    patch.setattr(module, "policy_gradient_loss", lambda *args: -loss(*args))
+
+
+def a_critic_that_sees_half_of_the_rollouts(patch: pytest.MonkeyPatch) -> None:
+    import sb3_nmp.bayesian.search as module
+
+    seen = module.best_and_newest
+    patch.setattr(module, "best_and_newest", lambda *args: seen(*args)[::2])
+
+
+def a_ridge_of_nearly_nothing(patch: pytest.MonkeyPatch) -> None:
+    import baselines.regression as module
+
+    patch.setattr(module, "RIDGE", 1e-12)
+
+
+#: board, row and rollouts in which one seed shows it
+SHOWN: dict[Callable[[pytest.MonkeyPatch], None], tuple[str, str, int]] = {
+    crossover_of_a_parent_with_itself: ("bottles", "GA", 45),
+    no_mutation: ("bottles", "GA", 45),
+    worst_reward_asked_for: ("bottles", "GA", 45),
+    wrong_sign_of_the_reward_in_reps: ("bottles", "REPS", 45),
+    worst_reward_asked_for_in_rcnmp: ("bottles", "RC-NMP", 100),
+    wrong_sign_of_the_policy_gradient: ("push-beyond", "ACNMP, network drives", 12),
+    a_critic_that_sees_half_of_the_rollouts: ("push-beyond", "ACNMP", 20),
+    a_ridge_of_nearly_nothing: ("push-beyond", "twin, ridge", 5),
+}
+
+
+def first_run(board: str, label: str, budget: int) -> Claim:
+    """The first run of a row, cut short, with less training on demonstrations."""
+    run = replace(BOARDS[board].runs(board, [label], 1)[0], budget=budget)
+    if label.startswith("ACNMP"):
+        settings = {**run.algorithm.settings, "pretraining": CNMPPretraining(30)}
+        run = replace(run, algorithm=replace(run.algorithm, settings=settings))
+    return claim_of(RunRecord(run.record, provenance(), "finished", execute(run)))
+
+
+@pytest.mark.parametrize("plant", SHOWN, ids=lambda plant: plant.__name__)
+def test_a_planted_regression_shows_in_the_bits_of_one_seed(
+    plant: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The unchanged program repeats them, so that this alarm is never false."""
+    before = first_run(*SHOWN[plant])
+    assert first_run(*SHOWN[plant]) == before
+    plant(monkeypatch)
+    assert first_run(*SHOWN[plant]) != before

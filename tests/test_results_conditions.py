@@ -92,6 +92,46 @@ def test_a_full_disk_is_told_in_one_line(
     assert capsys.readouterr().err == "nmp-bench: No space left on device ('runs/x.json').\n"
 
 
+LIMITED = """
+import resource, signal, sys
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (900, 900))
+from pathlib import Path
+from results.harness.record_files import write_record
+from tests.records_fakes import curve_of, finished_run, specification
+run = finished_run(specification("A", 0), curve_of([-1.0] * 99, [False] * 99))
+write_record(Path(sys.argv[1]), run)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits the size of a file by Linux's means")
+def test_a_record_that_the_disk_cannot_hold_leaves_no_part_of_it(tmp_path: Path) -> None:
+    """The write itself fails in its middle, as on a full disk."""
+    path = tmp_path / "run.json"
+    path.write_text("what was there")
+    command = [sys.executable, "-c", LIMITED, str(path)]
+    done = subprocess.run(command, env=environment(), capture_output=True, text=True)
+    assert done.returncode == 1 and "File too large" in done.stderr
+    assert [each.name for each in tmp_path.iterdir()] == ["run.json"]
+    assert path.read_text() == "what was there"
+
+
+def test_a_worker_that_is_killed_ends_the_command_and_loses_no_finished_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As by the kernel, where memory runs out."""
+    runs = [run_of(0, "Dying"), run_of(1, "Dying", budget=12)]
+    assert do(tmp_path, *runs, workers=2) == 1
+    told = capsys.readouterr().err
+    assert "a worker process died (out of memory? then use fewer --workers)" in told
+    assert "the same command does the rest" in told and "Traceback" not in told
+    held = read_records(tmp_path)
+    assert not held.unreadable and all(record.finished for record in held.records)
+    assert f"{len(held.records)} of 2 runs are finished" in told
+    assert do(tmp_path, *runs, workers=1) == 0
+    assert [record.specification.seed for record in read_records(tmp_path).records] == [0, 1]
+
+
 def test_a_folder_that_cannot_be_made_is_told_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

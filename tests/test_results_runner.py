@@ -43,7 +43,7 @@ def test_curve_has_a_row_a_rollout_and_its_best_never_falls(result: Result):
     curve = result.measured.curve
     assert curve["rollouts"] == list(range(1, 13))
     assert (np.diff(curve["best_reward"]) >= 0).all()
-    assert result.seconds.training > 0
+    assert (result.seconds.training or 0) > 0
 
 
 def test_a_row_sees_the_update_of_its_generation(result: Result):

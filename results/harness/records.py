@@ -206,11 +206,11 @@ class Provenance:
 class Seconds:
     """How long a run took, in s.
 
-    :param training: rollouts and learning
+    :param training: rollouts and learning; None where nobody measured it
     :param evaluation: greedy evaluations, which are not counted as training
     """
 
-    training: float
+    training: float | None
     evaluation: float
 
 

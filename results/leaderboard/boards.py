@@ -61,7 +61,13 @@ _CMAES = replace(
     description="CMA-ES over smooth deviations; the best of four settings on six tuning seeds",
 )
 _BEYOND = tuple(LeaveOneOut(target, extrapolation=True) for target in EXTRAPOLATION_TARGETS)
-_ADAPTING = ("ACNMP", "twin, nearest", "twin, ridge", "twin, Gaussian process")
+_ADAPTING = (
+    "ACNMP",
+    "ACNMP, network drives",
+    "twin, nearest",
+    "twin, ridge",
+    "twin, Gaussian process",
+)
 _THROUGH = ("RC-NMP", "GA", "GA, judged", "CMA-ES", "REPS")
 _POINTS = ("3 points", "6 points")
 

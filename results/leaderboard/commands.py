@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # the command line answers at once: what is slow to import waits
     from results.leaderboard.check import Judgement
+    from results.leaderboard.exact import Comparison
     from results.leaderboard.rows import Claim
 
 HOLDS, FAILS = 0, 1
@@ -40,6 +41,11 @@ def add_leaderboard(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--overwrite", action="store_true", help="update: do finished runs again")
     parser.add_argument(
+        "--exact",
+        action="store_true",
+        help="check: one seed of each row, to the bit; fail where anything has changed",
+    )
+    parser.add_argument(
         "--data", type=Path, metavar="DIR", help="of the rows (default: those of this repository)"
     )
 
@@ -57,6 +63,8 @@ def leaderboard(options: argparse.Namespace) -> int:
             f"--overwrite goes with update, which does runs and keeps them; "
             f"{options.what} keeps none."
         )
+    if options.exact and options.what != "check":
+        raise BenchmarkError(f"--exact goes with check, which does runs again; not {options.what}.")
     boards = {name: find_board(name) for name in options.board or BOARDS}
     data = options.data or DATA
     doing = {"show": _show, "update": _update, "check": _check, "verify": _verify}
@@ -139,10 +147,43 @@ def _verify(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> 
 
 
 def _check(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> int:
+    if options.exact:
+        return _check_exactly(boards, _rows(boards, data, options), options.workers)
     judged = judgements(boards, _rows(boards, data, options), options.workers)
     for judgement in judged:
         print(judgement.sentence())
     return FAILS if any(judgement.worse() for judgement in judged) else HOLDS
+
+
+def _check_exactly(boards: dict[str, Any], paths: list[Path], n_workers: int | None) -> int:
+    found = comparisons(boards, paths, n_workers)
+    for comparison in found:
+        print(comparison.sentence())
+    return FAILS if any(comparison.changed for comparison in found) else HOLDS
+
+
+def comparisons(
+    boards: dict[str, Any], paths: list[Path], n_workers: int | None
+) -> "list[Comparison]":
+    """Do one seed of rows again, and compare it to the bit where the machine allows it.
+
+    :param boards: by name
+    :param paths: of the rows' claims
+    :param n_workers: processes; one per core by default
+    """
+    from results.leaderboard.exact import Comparison, compare, name_of, unlike
+    from results.leaderboard.files import read_row
+
+    found = []
+    for path in paths:
+        row = read_row(path)[0]
+        why = unlike(row)
+        if why:
+            found.append(Comparison(name_of(row), why, (), 0))
+            continue
+        again = _claims_again(boards[row.board], row.board, row.label, n_workers, 1)
+        found.append(compare(row, again))
+    return found
 
 
 def judgements(
@@ -166,11 +207,18 @@ def judgements(
     return judged
 
 
-def _claims_again(board: Any, name: str, label: str, n_workers: int | None) -> "list[Claim]":  # noqa: ANN401
+def _claims_again(
+    board: Any,  # noqa: ANN401
+    name: str,
+    label: str,
+    n_workers: int | None,
+    n_seeds: int | None = None,
+) -> "list[Claim]":
+    """Return the claims of the runs of a board's first seeds, ``n_checked`` by default."""
     from results.harness.resume import plan_runs
     from results.harness.runner import run_plan
     from results.leaderboard.rows import claim_of
 
     with tempfile.TemporaryDirectory(prefix="nmp-bench-") as folder:
-        plan = plan_runs(Path(folder), board.runs(name, [label], board.n_checked))
+        plan = plan_runs(Path(folder), board.runs(name, [label], n_seeds or board.n_checked))
         return [claim_of(outcome.record) for outcome in run_plan(plan, n_workers)]

@@ -4,6 +4,7 @@ import hashlib
 import io
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -35,7 +36,7 @@ def row_path(data: Path, board: str, label: str) -> Path:
 
 
 def write_row(data: Path, row: Row, evidence: Evidence) -> Path:
-    """Write a row, its trajectories first, each file whole or not at all.
+    """Write a row, both of its files whole or, on a full disk, neither.
 
     :param data: of all boards
     :param row: what is claimed
@@ -48,18 +49,21 @@ def write_row(data: Path, row: Row, evidence: Evidence) -> Path:
     np.savez_compressed(buffer, **{name: getattr(evidence, name) for name in ARRAYS})  # type: ignore[arg-type]
     content = {"format": FORMAT, "digest": digest(row, evidence), "row": msgspec.to_builtins(row)}
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
-    _replace(path.with_suffix(".npz"), buffer.getvalue())
-    _replace(path, text.encode())
+    _replace({path.with_suffix(".npz"): buffer.getvalue(), path: text.encode()})
     return path
 
 
-def _replace(path: Path, content: bytes) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+def _replace(contents: Mapping[Path, bytes]) -> None:
+    """Write files that belong together; none is replaced before all of them are on the disk."""
+    temporary = {path: path.with_name(f".{path.name}.{os.getpid()}.tmp") for path in contents}
     try:
-        temporary.write_bytes(content)
-        os.replace(temporary, path)
+        for path, content in contents.items():
+            temporary[path].write_bytes(content)
+        for path in contents:
+            os.replace(temporary[path], path)
     finally:
-        temporary.unlink(missing_ok=True)
+        for path in temporary.values():
+            path.unlink(missing_ok=True)
 
 
 def read_row(path: Path) -> tuple[Row, Evidence, str]:

@@ -39,8 +39,10 @@ def figures(
             drawn[f"errors_{name}.png"] = error_curves(on_task, labels, unit)
         for variant in variants:
             chosen = [run for run in runs if run.specification.variant == variant]
+            chosen = [run for run in chosen if "greedy" in run.measured.rollouts]  # not imported
             ending = f"_{slug(variant)}" if variant else ""
-            drawn[f"rollouts_{name}{ending}.png"] = draw_final_rollouts(chosen, labels)
+            if chosen:
+                drawn[f"rollouts_{name}{ending}.png"] = draw_final_rollouts(chosen, labels)
     return drawn
 
 

@@ -135,7 +135,7 @@ def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
         return (*head, *(((row["reason"], ""),) * n_cells), *nothing)
     cells = (cell for view in VIEWS for cell in _cells(row, view))
     own = f"{row['own_reward_median']:.4f}" if row["own_runs"] else NOT_APPLICABLE
-    seconds = f"{row['training_seconds']:.1f}"
+    seconds = f"{row['training_seconds']:.1f}".replace("nan", NOT_APPLICABLE)
     return (*head, *cells, own_solved_cell(row), (own, ""), sees_cell(row), (seconds, ""))
 
 

@@ -24,7 +24,8 @@ def outcome_row(record: RunRecord) -> dict[str, Any]:
     asked_for = ("task", "variant", "label", "description", "seed", "budget")
     row = {key: getattr(asked, key) for key in asked_for}
     row |= {"outcome": record.outcome, "commit": origin.commit, "dirty": origin.dirty}
-    training = record.seconds.training if record.finished else math.nan
+    measured = record.seconds.training if record.finished else None
+    training = math.nan if measured is None else measured
     told = record.sees if record.finished else None
     sees = None if told is None else information_text(told)
     return row | {"reason": record.reason, "training_seconds": training, "sees": sees}

@@ -1,0 +1,1 @@
+"""Runs from other benchmarks' files, and for other benchmarks' tools."""
