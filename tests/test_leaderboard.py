@@ -339,7 +339,8 @@ def test_one_run_tells_any_change_to_the_bit(
     monkeypatch.setattr(results_fakes.HillClimber, "_propose", a_little_farther)
     assert command("check", made / "data", "--exact") == 1
     told = capsys.readouterr().out
-    assert "CHANGED: seed 500, 2 points ends at" in told and "--algorithms 'Hill' --overwrite" in told
+    assert "CHANGED: seed 500, 2 points ends at" in told
+    assert "--algorithms 'Hill' --overwrite" in told
 
 
 def test_bits_of_other_machines_are_not_compared(
