@@ -221,6 +221,11 @@ def test_violations_are_named_and_slowing_down_as_told_mends_them() -> None:
     slower = max(v.slower for v in found)
     assert limits.violations(paths, dt * slower * 1.0001) == []
     assert limits.violations(paths, dt * slower * 0.999) != []
+    for single in ({"acceleration": 1.0}, {"jerk": 1.0}):
+        strict = MotionLimits(**single)
+        [worst, *_] = sorted(strict.violations(paths, dt), key=lambda v: -v.slower)
+        assert strict.violations(paths, dt * worst.slower * 1.0001) == []
+        assert strict.violations(paths, dt * worst.slower * 0.999) != []
     with pytest.raises(TaskError, match=r"q1: velocity 2.19 /s at 0.5 s .* 2.19 times as long"):
         limits.check(paths, dt)
 
