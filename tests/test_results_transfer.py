@@ -56,10 +56,12 @@ def test_rollouts_are_remembered_and_scratch_begins_with_the_start_pose() -> Non
 
 def test_skills_lie_ahead_of_and_beside_either_arm() -> None:
     middle, ahead = np.array([1.0, 2.0, 0.5]), np.array([0.0, 1.0, 0.0])
-    down, up = (way_of("press", np.array([0.5, 1.0]), middle, ahead)[i].position for i in (1, 2))
+    way = way_of("press", np.array([0.5, 1.0]), middle, ahead)
+    down, up = (np.asarray(each.position, np.float64) for each in way[1:])
     np.testing.assert_allclose(down, middle + UNIT * np.array([-0.5, 1.0, -0.5]))
     np.testing.assert_allclose(up, middle + UNIT * np.array([-0.5, 1.0, 0.3]))
-    swept = [each.position for each in way_of("sweep", np.zeros(2), middle, ahead)]
+    sweep = way_of("sweep", np.zeros(2), middle, ahead)
+    swept = np.array([each.position for each in sweep], np.float64)
     np.testing.assert_allclose(swept, [middle, middle + UNIT * np.array([-0.8, 0.0, 0.0])])
 
 
