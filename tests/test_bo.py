@@ -9,7 +9,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from baselines import BO, BOPolicy
-from baselines.regression import NEWEST, fit
 from sb3_nmp import (
     ACNMP,
     ACNMPCritic,
@@ -20,6 +19,7 @@ from sb3_nmp import (
     ShapedExploration,
 )
 from sb3_nmp.bayesian.shaped_noise import noise_directions, spread_over_time
+from sb3_nmp.common.regression import NEWEST, fit
 from tests.test_acnmp import SHOWN, Reach, expert
 
 EVERY = pytest.mark.parametrize("regression", ["nearest", "ridge", "quadratic", "gaussian-process"])

@@ -8,10 +8,10 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.type_aliases import Schedule
 
-from baselines.regression import Answer, Regression, check_regression, fit
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.growing import GrowingModule
 from sb3_nmp.common.policies import ElitePolicy
+from sb3_nmp.common.regression import Answer, Regression, check_regression, fit
 
 FloatArray = NDArray[np.float64]
 

@@ -11,12 +11,12 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv
 
 from baselines.ga.policies import GAPolicy
-from baselines.regression import NEWEST, gaussian_process
 from sb3_nmp.common.buffer import selection_weights
 from sb3_nmp.common.judging import Wanted, features
 from sb3_nmp.common.niches import View
 from sb3_nmp.common.operators import blend
 from sb3_nmp.common.population import PopulationArguments, PopulationSearch
+from sb3_nmp.common.regression import NEWEST, gaussian_process
 from sb3_nmp.common.tuning import Choice, Range, SearchSpace
 
 

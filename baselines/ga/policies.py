@@ -7,8 +7,8 @@ from gymnasium import spaces
 from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 
 from baselines.ga.skill import RegressionSkill
-from baselines.regression import Regression
 from sb3_nmp.common.policies import ElitePolicy
+from sb3_nmp.common.regression import Regression
 
 
 class GAPolicy(ElitePolicy):

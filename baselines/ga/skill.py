@@ -11,9 +11,9 @@ import numpy as np
 import torch as th
 from numpy.typing import NDArray
 
-from baselines.regression import Regression, check_regression, fit
 from sb3_nmp.common.contextual import Experience
 from sb3_nmp.common.growing import GrowingModule
+from sb3_nmp.common.regression import Regression, check_regression, fit
 from sb3_nmp.models.skill_space import SkillSpace
 
 FloatArray = NDArray[np.float64]

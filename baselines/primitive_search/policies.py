@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from stable_baselines3.common.type_aliases import Schedule
 
 from baselines.bayesian.policies import BOPolicy
-from baselines.regression import Regression
 from sb3_nmp.common.demonstrations import Demonstrations
+from sb3_nmp.common.regression import Regression
 
 FloatArray = NDArray[np.float64]
 

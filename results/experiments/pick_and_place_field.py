@@ -20,13 +20,13 @@ from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from baselines.regression import Regression, fit
 from benchmark_envs.tasks.pick_and_place import PickAndPlaceTask
 from results.harness.environments import RunTask
 from results.report.figure_style import DPI, line_style, plain_axes
 from results.stream.protocol import Stream
 from results.suites.pick_and_place_field import RECIPE, TASKS
 from sb3_nmp import CNMPArchitecture, CNMPPretraining, Demonstrations
+from sb3_nmp.common.regression import Regression, fit
 from sb3_nmp.models.cnmp import CNMP
 from sb3_nmp.models.cnmp_training import pretrain
 
