@@ -1,6 +1,7 @@
 """The algorithms of the benchmark, by stable name; suites give them settings and labels."""
 
 from dataclasses import replace
+from typing import cast
 
 from results.harness.specification import Algorithm
 from sb3_nmp import (
@@ -101,10 +102,18 @@ TWINS = {
 NETWORK_DRIVES: dict[str, object] = {"search": "policy", "population_size": 5}
 #: setting of a critic that does not see the reward's terms
 SUM_ALONE: dict[str, object] = {"critic": ACNMPCritic(terms=False)}
+#: setting of a search that starts from the policy's answer alone
+ONE_START: dict[str, object] = {"critic": ACNMPCritic(other_starts=())}
+#: ACNMP without its network, and all else as it is: the starts that regressions give
+ALL_STARTS = replace(
+    BO,
+    settings={"policy_kwargs": {"regression": "nearest"}},
+    description="ACNMP's search from all of its starts but the network's",
+)
 
 
 def twin(name: str, **settings: object) -> Algorithm:
-    """Return ACNMP's search around a regression's answer instead of the network's.
+    """Return ACNMP's search from a regression's answer alone, instead of the network's and others.
 
     >>> twin("ridge", population_size=1).settings["policy_kwargs"]
     {'regression': 'ridge'}
@@ -112,9 +121,10 @@ def twin(name: str, **settings: object) -> Algorithm:
     :param name: of `TWINS`
     :param settings: further constructor arguments: those of the suite's ACNMP that need no network
     """
-    kwargs = {"policy_kwargs": {"regression": TWINS[name]}}
+    critic = replace(cast(ACNMPCritic, settings.get("critic", ACNMPCritic())), other_starts=())
+    own = {"policy_kwargs": {"regression": TWINS[name]}, "critic": critic}
     described = f"ACNMP's search, contexts answered by {name} instead of a network"
-    return replace(BO, settings=kwargs | settings, description=described)
+    return replace(BO, settings=settings | own, description=described)
 
 
 def twins(*names: str, **settings: object) -> dict[str, Algorithm]:

@@ -17,6 +17,7 @@ from sb3_nmp.common.exceptions import (
     ResumeWarning,
     UnknownArgumentError,
     UnsafeFileError,
+    UntrainedWarning,
     ViaPointWarning,
 )
 from sb3_nmp.common.noise import SmoothNoise
@@ -67,6 +68,7 @@ __all__ = [
     "TransferTraining",
     "UnknownArgumentError",
     "UnsafeFileError",
+    "UntrainedWarning",
     "ViaPointWarning",
     "check_algorithm",
     "load_vec_normalize",

@@ -13,7 +13,13 @@ import numpy as np
 import pytest
 import torch as th
 
-from sb3_nmp import ACNMP, ACNMPAdaptation, ACNMPExploration, Demonstrations
+from sb3_nmp import (
+    ACNMP,
+    ACNMPAdaptation,
+    ACNMPExploration,
+    Demonstrations,
+    UntrainedWarning,
+)
 from sb3_nmp.acnmp import algorithm
 from sb3_nmp.acnmp.losses import policy_gradient_loss
 from sb3_nmp.acnmp.search import PolicySearch
@@ -174,3 +180,14 @@ def test_an_interrupted_search_that_the_network_drives_goes_on_as_if_it_was_not(
     loaded.load_replay_buffer(str(tmp_path / "buffer.npz"))
     rest = contract.run(loaded, n_rollouts - cut, reset_num_timesteps=False)
     np.testing.assert_array_equal(whole.trajectories, [*begun.trajectories, *rest.trajectories])
+
+
+def test_before_any_training_it_says_that_its_answers_mean_nothing(
+    demonstrations: Demonstrations,
+) -> None:
+    model = build(demonstrations, Reach())
+    context = demonstrations.contexts[0]
+    for ask in (model.predict, model.predict_distribution):
+        with pytest.warns(UntrainedWarning, match="call learn, or pretrain"):
+            ask(context)
+    model.pretrain().predict(context)  # warnings are errors in these tests

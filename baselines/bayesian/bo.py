@@ -88,7 +88,8 @@ class BO(AdaptiveAlgorithm):
         shown = cast(Demonstrations, self.demonstrations)
         along = shaped_directions(self.exploration, self.first_scale(), shown)
         answer = self.policy.known.answer(context[None])[0]
-        return CriticSearch(Subspace(answer, along), self.exploration.radius, self.critic)
+        starts = self._other_starts(context, answer, self.critic.other_starts)
+        return CriticSearch(Subspace(answer, along), self.exploration.radius, self.critic, starts)
 
     def _adapt(self, searched: list[ContextSearch], solved: list[ContextSearch]) -> None:
         if solved:

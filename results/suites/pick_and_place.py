@@ -6,8 +6,10 @@ from benchmark_envs.tasks.pick_and_place_expert import EXTRAPOLATION_CONTEXTS
 from results.adaptation.protocol import Extrapolation
 from results.algorithms import (
     ACNMP,
+    ALL_STARTS,
     CMAES,
     EWERTON,
+    ONE_START,
     REPS,
     STARK,
     SUM_ALONE,
@@ -22,6 +24,8 @@ from results.suites.push import RCNMP_FREE
 ALGORITHMS = {
     "ACNMP": ACNMP,
     "ACNMP, sum alone": replace(ACNMP, settings=SUM_ALONE),
+    "ACNMP, one start": replace(ACNMP, settings=ONE_START),
+    "twin, all starts": ALL_STARTS,
     **twins("nearest", "ridge", "Gaussian process"),
     **tuned(n_bases=8, shaped=0.5),
     "twin, nearest, sum alone": twin("nearest", **SUM_ALONE),

@@ -6,9 +6,11 @@ from benchmark_envs.tasks.pouring import EXTRAPOLATION_CONTEXTS
 from results.adaptation.protocol import Extrapolation
 from results.algorithms import (
     ACNMP,
+    ALL_STARTS,
     CMAES,
     DREPS,
     EWERTON,
+    ONE_START,
     REPS,
     STARK,
     SUM_ALONE,
@@ -23,6 +25,8 @@ from results.suites.push import RCNMP_FREE
 ALGORITHMS = {
     "ACNMP": ACNMP,
     "ACNMP, sum alone": replace(ACNMP, settings=SUM_ALONE),
+    "ACNMP, one start": replace(ACNMP, settings=ONE_START),
+    "twin, all starts": ALL_STARTS,
     **twins("nearest", "ridge", "Gaussian process"),
     **tuned(n_bases=4, shaped=0.5),
     "twin, ridge, sum alone": twin("ridge", **SUM_ALONE),

@@ -6,9 +6,11 @@ from benchmark_envs.tasks.push import EXTRAPOLATION_TARGETS, TARGETS
 from results.adaptation.protocol import LeaveOneOut
 from results.algorithms import (
     ACNMP,
+    ALL_STARTS,
     CMAES,
     EWERTON,
     NETWORK_DRIVES,
+    ONE_START,
     RCNMP,
     REPS,
     STARK,
@@ -28,6 +30,8 @@ CMAES_CONTEXT = replace(CMAES, settings={"n_bases": 4, "context_std": 0.3, "shap
 ALGORITHMS = {
     "ACNMP": ACNMP,
     "ACNMP, network drives": replace(ACNMP, settings=NETWORK_DRIVES | {"exploration": EXPLORATION}),
+    "ACNMP, one start": replace(ACNMP, settings=ONE_START),
+    "twin, all starts": ALL_STARTS,
     **twins(*TWINS),
     **tuned(population_size=3, n_bases=4, shaped=0.99),
     "ACNMP (thesis)": thesis_acnmp(),

@@ -1,5 +1,6 @@
 """`ACNMP`: a network learned from demonstrations, and a search where it fails (thesis ch. 5)."""
 
+import warnings
 from typing import Any, ClassVar, Literal, Self, Unpack, cast, get_args
 
 import numpy as np
@@ -20,6 +21,7 @@ from sb3_nmp.bayesian.settings import ACNMPCritic
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
 from sb3_nmp.common.context_search import ContextSearch
 from sb3_nmp.common.demonstrations import Demonstrations
+from sb3_nmp.common.exceptions import UntrainedWarning
 from sb3_nmp.common.rollouts import Generation, Information
 from sb3_nmp.common.settings import Rules
 from sb3_nmp.models.cnmp_training import (
@@ -159,6 +161,7 @@ class ACNMP(AdaptiveAlgorithm):
         :raises InvalidDataError: via-points of a wrong shape, at times outside [0, 1], outside the
             action space, or that contradict each other
         """
+        self._warn_untrained()
         if via_points is None:
             return super().predict(observation, state, episode_start, deterministic)
         contexts, vectorized = self.policy.obs_to_tensor(observation)
@@ -185,10 +188,20 @@ class ACNMP(AdaptiveAlgorithm):
         :return: arrays of shape (T, D), or (N, T, D), in the trajectory's unit
         :raises InvalidDataError: as `predict` does
         """
+        self._warn_untrained()
         contexts, vectorized = self.policy.obs_to_tensor(context)
         with th.no_grad():
             found = self.policy.distribution(cast(th.Tensor, contexts), via_points)
         return found if vectorized else found.first()
+
+    def _warn_untrained(self) -> None:
+        if not self.is_pretrained:
+            warnings.warn(
+                "this ACNMP has learned nothing yet, so its answers mean nothing: call learn, or "
+                "pretrain, which spends no rollout.",
+                UntrainedWarning,
+                stacklevel=3,
+            )
 
     # -- the search (VI) -----------------------------------------------------------------------
 
@@ -197,10 +210,12 @@ class ACNMP(AdaptiveAlgorithm):
         row = context.astype(np.float64)
         shown = self._shown_like(row)
         along = directions(self.exploration, self.first_scale(), cnmp, shown, row)
-        space = Subspace(cnmp.trajectories(row[None])[0], along)
+        answer = cnmp.trajectories(row[None])[0]
+        space = Subspace(answer, along)
         if self.search == "policy":
             return PolicySearch(space, self.exploration)
-        return CriticSearch(space, self.exploration.radius, self.critic)
+        starts = self._other_starts(row, answer, self.critic.other_starts)
+        return CriticSearch(space, self.exploration.radius, self.critic, starts)
 
     def _shown_like(self, context: NDArray[np.float64]) -> Demonstrations:
         """Return the demonstrations of the mode in which the network answers a context (C,)."""

@@ -98,15 +98,18 @@ class TrustRegion:
 class CriticSearch:
     """Bayesian optimisation around a fixed trajectory, the policy's answer when it begins.
 
-    The first generation is drawn around that answer, which is its first trajectory. Later ones are
-    the points of largest random upper confidence bound (`Critic.draw_upper_bounds`) inside a trust
-    region around the best rollout so far, chosen one after the other by the Kriging believer. The
-    bound is less a penalty on the distance from the policy's answer (`ACNMPCritic.pull`): the
-    demonstrations hold what a reward does not tell.
+    The first trajectory is that answer. Others to start from may follow, such as the nearest
+    demonstration's: the search goes on around the one of largest reward. The rest of the first
+    generation is drawn around the answer. Later ones are the points of largest random upper
+    confidence bound (`Critic.draw_upper_bounds`) inside a trust region around the best rollout so
+    far, chosen one after the other by the Kriging believer. The bound is less a penalty on the
+    distance from where the search started (`ACNMPCritic.pull`): the demonstrations hold what a
+    reward does not tell.
 
     :param space: with the policy's answer as origin
     :param radius: of the first generation, in standard deviations of the exploration
     :param settings: of the critic
+    :param starts: other trajectories to start from, each of shape (T, D)
     :param points: coordinates of the rollouts so far, shape (N, n)
     :param rollouts: what is known of them, oldest generation first
     :param has_improved: whether the last generation has a new best rollout
@@ -117,6 +120,7 @@ class CriticSearch:
     space: Subspace
     radius: float
     settings: ACNMPCritic = field(default_factory=ACNMPCritic)
+    starts: tuple[FloatArray, ...] = ()
     points: FloatArray = field(init=False)
     rollouts: list[Generation] = field(default_factory=list)
     has_improved: bool = False
@@ -146,12 +150,14 @@ class CriticSearch:
         :param n: how many
         :param rng: the generator to draw from
         """
-        if len(self.points) > 1:
+        untried = [self.space.origin, *self.starts][len(self.points) : len(self.points) + n]
+        if len(self.points) > 1 and not untried:
             return self.space.trajectories(self._ask_critic(n, rng))
         points = self.region.radius * rng.standard_normal((n, self.space.size))
-        if len(self.points) == 0:
-            points[0] = 0.0  # the policy's answer
-        return self.space.trajectories(points)
+        asked = self.space.trajectories(points)
+        for row, start in enumerate(untried):
+            asked[row] = start
+        return asked
 
     def _ask_critic(self, n: int, rng: np.random.Generator) -> FloatArray:
         """Return the coordinates of some proposals, one row each."""
@@ -202,10 +208,23 @@ class CriticSearch:
         self.rollouts.append(rollouts)
         self.has_improved = bool(rollouts.rewards.max() > before.max(initial=-np.inf))
         self.has_succeeded = self.has_succeeded or bool(rollouts.successes.any())
-        if len(before) > 1:
+        n_starts = 1 + len(self.starts)
+        if len(before) >= max(2, n_starts):
             self.region.update(self.has_improved)
+        if len(before) < n_starts <= len(self.points) and self.starts:
+            self._begin_around(int(self.rewards[:n_starts].argmax()))
         if not self.has_succeeded and self.region.radius < self.settings.restart_radius:
             self.region.radius = self.radius
+
+    def _begin_around(self, start: int) -> None:
+        """Go on around the best of the trajectories to start from.
+
+        :param start: 0 for the policy's answer
+        """
+        origin = [self.space.origin, *self.starts][start]
+        self.space = Subspace(origin, self.space.directions)
+        tried = np.concatenate([part.trajectories for part in self.rollouts])
+        self.points = self.space.coordinates(tried)
 
 
 def best_and_newest(rewards: FloatArray, n: int) -> NDArray[np.intp]:

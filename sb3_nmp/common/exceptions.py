@@ -39,3 +39,7 @@ class ContextWarning(UserWarning):
 
 class ResumeWarning(UserWarning):
     """A run does not go on exactly where the saved one stopped."""
+
+
+class UntrainedWarning(UserWarning):
+    """A policy is asked before it has learned anything."""
