@@ -4,13 +4,20 @@ from dataclasses import replace
 
 from benchmark_envs.tasks.obstacles import EXTRAPOLATION_HEIGHTS
 from results.adaptation.protocol import Extrapolation
-from results.algorithms import ACNMP, NETWORK_DRIVES, THESIS_NETWORK, thesis_acnmp, twins
+from results.algorithms import (
+    ACNMP,
+    NETWORK_DRIVES,
+    ONE_START,
+    THESIS_NETWORK,
+    thesis_acnmp,
+    twins,
+)
 from results.harness.suite import Recipe
 from sb3_nmp import ACNMPAdaptation, ACNMPExploration, ShapedExploration
 
 #: as in the suite push: what is to be found is like what was shown
 EXPLORATION = ACNMPExploration.preset("push")
-OURS: dict[str, object] = {"exploration": EXPLORATION, "population_size": 3}
+OURS: dict[str, object] = {"exploration": EXPLORATION, "population_size": 3, **ONE_START}
 OF_TWINS = OURS | {"exploration": ShapedExploration.preset("push")}
 OF_THESIS: dict[str, object] = {"policy_kwargs": {"cnmp": THESIS_NETWORK}}
 #: one rollout, the answer itself, from which nothing is learned
