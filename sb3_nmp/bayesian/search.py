@@ -217,14 +217,18 @@ class CriticSearch:
             self.region.radius = self.radius
 
     def _begin_around(self, start: int) -> None:
-        """Go on around the best of the trajectories to start from.
+        """Go on around the best of the trajectories to start from, as if it were the only one.
 
-        :param start: 0 for the policy's answer
+        The others are far off, and would tell the critic about the way between them.
+
+        :param start: 0 for the policy's answer, around which the rest of a generation is drawn
         """
+        n_starts, told = 1 + len(self.starts), Generation.concatenate(self.rollouts)
         origin = [self.space.origin, *self.starts][start]
-        self.space = Subspace(origin, self.space.directions)
-        tried = np.concatenate([part.trajectories for part in self.rollouts])
-        self.points = self.space.coordinates(tried)
+        kept = [start, *range(n_starts, len(told))] if start == 0 else [start]
+        self.space, self.starts = Subspace(origin, self.space.directions), ()
+        self.rollouts = [told[np.array(kept)]]
+        self.points = self.space.coordinates(self.rollouts[0].trajectories)
 
 
 def best_and_newest(rewards: FloatArray, n: int) -> NDArray[np.intp]:
