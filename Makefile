@@ -7,12 +7,13 @@ WORKERS ?= 2
 
 BIN := .venv/bin
 STAMP := .venv/installed
+DOCS_STAMP := .venv/docs-installed
 LATEST := .venv-latest
 PACKAGES := baselines benchmark_envs results sb3_nmp
 PYTEST := $(BIN)/pytest -n auto --maxprocesses $(WORKERS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup bench test test-slow test-latest leaderboard check format clean distclean
+.PHONY: help setup bench test test-slow test-latest leaderboard docs check format clean distclean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
@@ -34,7 +35,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@echo "Installed in .venv."
 
 # One thread a process: the runs themselves are spread over the cores.
-bench test test-slow test-latest leaderboard: export OMP_NUM_THREADS = 1
+bench test test-slow test-latest leaderboard docs: export OMP_NUM_THREADS = 1
 
 bench: setup ## run the quick suite over 5 seeds, then print its table and draw its plots
 	$(BIN)/nmp-bench run --suite $(SUITE) --seeds $(SEEDS)
@@ -64,6 +65,17 @@ $(LATEST)/installed: pyproject.toml constraints.txt
 test-latest: $(LATEST)/installed ## tests and doctests with the newest MuJoCo, in .venv-latest
 	$(LATEST)/bin/pytest -n auto --maxprocesses $(WORKERS)
 
+$(DOCS_STAMP): $(STAMP)
+	@echo "Installing what builds the documentation in .venv."
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	@touch $@
+
+# Pages that hold code are executed, and again only where it has changed.
+docs: export PATH := $(CURDIR)/$(BIN):$(PATH)
+docs: $(DOCS_STAMP) ## build the documentation; a warning is an error
+	$(BIN)/python -m sphinx -W --keep-going -q -b html -c docs . docs/_build/html
+	@echo "Open docs/_build/html/index.html"
+
 check: setup ## ruff (lint and format), pyright, and which module may import which
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
@@ -75,7 +87,7 @@ format: setup ## mend what ruff can mend
 	$(BIN)/ruff format
 
 clean: ## remove caches and build artefacts (never results/runs)
-	rm -rf build dist .hypothesis .pytest_cache .ruff_cache *.egg-info
+	rm -rf build dist docs/_build .hypothesis .pytest_cache .ruff_cache *.egg-info
 	find $(PACKAGES) tests -type d -name __pycache__ -prune -exec rm -rf {} +
 
 distclean: clean ## clean, and remove .venv and .venv-latest too

@@ -4,13 +4,13 @@ So a page may link to any other one, such as a measurement in ``results/experime
 relative path here and on GitHub.
 """
 
-import sys
 from importlib.metadata import version as version_of
 from typing import TYPE_CHECKING
 
-import benchmark_envs
 from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
+
+import benchmark_envs
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -25,12 +25,14 @@ release = version = version_of("sb3-nmp")
 
 root_doc = "docs/index"
 include_patterns = ["docs/**", "results/experiments/*.md", "results/leaderboard/data/README.md"]
-include_patterns += ["CONTRIBUTING.md", "CHANGELOG.md"]
+include_patterns += ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"]
 exclude_patterns = [".*", "docs/_*", "**/__pycache__"]
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.viewcode"]
+extensions = ["myst_nb", "sphinx.ext.autodoc"]
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 4
+
+suppress_warnings = ["toc.empty_glob"]
 
 # Pages that say so in their first lines are executed, and again only when their code has changed.
 nb_execution_mode = "cache"
@@ -72,4 +74,3 @@ def _display_math(writer: "HTML5Translator", node: nodes.math_block) -> None:
 def setup(app: "Sphinx") -> None:
     """Let browsers draw formulas by themselves: MathML needs neither a script nor a network."""
     app.add_html_math_renderer("mathml", (_inline_math, None), (_display_math, None))
-    sys.path.insert(0, str(app.srcdir))
