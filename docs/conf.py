@@ -32,8 +32,6 @@ extensions = ["myst_nb", "sphinx.ext.autodoc"]
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 4
 
-suppress_warnings = ["toc.empty_glob"]
-
 # Pages that say so in their first lines are executed, and again only when their code has changed.
 nb_execution_mode = "cache"
 nb_execution_cache_path = "docs/_build/jupyter-cache"
@@ -44,7 +42,7 @@ nb_merge_streams = True
 nb_execution_show_tb = True
 
 autodoc_typehints = "signature"
-autodoc_member_order = "groupwise"
+autodoc_member_order = "alphabetical"
 autodoc_default_options = {"members": True, "show-inheritance": True}
 maximum_signature_line_length = 88
 add_module_names = False

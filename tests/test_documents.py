@@ -159,6 +159,12 @@ def test_the_readmes_commands_run_one_after_the_other() -> None:
     assert Path("path.mcap").stat().st_size > 0
 
 
+def test_every_command_is_told() -> None:
+    (commands,) = (a for a in build_parser()._actions if isinstance(a.choices, dict))
+    for name in commands.choices or ():
+        assert f"`nmp-bench {name}`" in TEXTS["docs/api/results.md"], name
+
+
 def test_links_lead_to_files() -> None:
     for name, text in TEXTS.items():
         for link in re.findall(r"\]\((?!http)([^)#]+)\)", text):

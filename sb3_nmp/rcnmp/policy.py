@@ -136,7 +136,7 @@ class RCNMPPolicy(ElitePolicy):
         n: tuple[int, ...],
         std: float,
     ) -> NDArray[np.float32]:
-        """Draw z from a Gaussian and k from p(k | context, best reward), shape (*n, code_dim).
+        """Draw z from a Gaussian and k from p(k | context, best reward), ``(*n, code_dim)``.
 
         :param rng: the generator to draw from
         :param context: shape (C,)
