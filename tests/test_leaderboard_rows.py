@@ -137,7 +137,7 @@ def a_critic_that_sees_half_of_the_rollouts(patch: pytest.MonkeyPatch) -> None:
 
 
 def a_ridge_of_nearly_nothing(patch: pytest.MonkeyPatch) -> None:
-    import baselines.regression as module
+    import sb3_nmp.common.regression as module
 
     patch.setattr(module, "RIDGE", 1e-12)
 
