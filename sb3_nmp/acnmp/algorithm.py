@@ -195,7 +195,7 @@ class ACNMP(AdaptiveAlgorithm):
         return found if vectorized else found.first()
 
     def _warn_untrained(self) -> None:
-        if not self.is_pretrained:
+        if not self.is_pretrained and not self.policy.cnmp.is_scaled:
             warnings.warn(
                 "this ACNMP has learned nothing yet, so its answers mean nothing: call learn, or "
                 "pretrain, which spends no rollout.",

@@ -92,6 +92,11 @@ class CNMP(nn.Module):
         found = principal_deviations(demonstrations.trajectories)
         self.deviations.copy_(th.as_tensor(found))
 
+    @property
+    def is_scaled(self) -> bool:
+        """Whether the scale is that of demonstrations."""
+        return bool((self.value_mean != 0).any() or (self.value_std != 1).any())
+
     def condition(self, contexts: th.Tensor, modes: th.Tensor | None = None) -> th.Tensor:
         """Return what the network is conditioned on, shape (B, K): contexts, then the mode.
 
