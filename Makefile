@@ -71,8 +71,6 @@ $(DOCS_STAMP): $(STAMP)
 	@touch $@
 
 # Pages that hold code are executed, and again only where it has changed.
-# The commands on executed pages print without colours, which the pages could not show.
-docs: export TERM = dumb
 docs: export PATH := $(CURDIR)/$(BIN):$(PATH)
 docs: $(DOCS_STAMP) ## build the documentation; a warning is an error
 	$(BIN)/python -m sphinx -W --keep-going -q -b html -c docs . docs/_build/html
