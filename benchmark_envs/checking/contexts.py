@@ -42,7 +42,7 @@ def equal_seeds_draw_equal_contexts(it: Examined) -> None:
 
 def the_naive_trajectory_fits(it: Examined) -> None:
     """A search starts inside the trajectory space, from an array of its own."""
-    _trajectory(it, "initial_trajectory", it.task.initial_trajectory)
+    _trajectories(it, "initial_trajectory", it.task.initial_trajectory)
 
 
 def the_expert_solves_its_task(it: Examined) -> None:
@@ -52,10 +52,9 @@ def the_expert_solves_its_task(it: Examined) -> None:
             it.task.demonstrate(it.contexts[0], mode)
         except TaskError:
             continue  # no expert
-        _trajectory(
+        shown = _trajectories(
             it, "demonstrate", lambda context, mode=mode: it.task.demonstrate(context, mode)
         )
-        shown = np.stack([it.task.demonstrate(context, mode) for context in it.contexts])
         solved = int(it.task.simulate(it.contexts, shown).successes.sum())
         require(
             solved >= EXPERT_SOLVES * it.n_contexts,
@@ -65,9 +64,12 @@ def the_expert_solves_its_task(it: Examined) -> None:
         )
 
 
-def _trajectory(it: Examined, name: str, make: Callable[[FloatArray], FloatArray]) -> None:
-    """Raise unless a method returns a trajectory, the same one again, and changes no context."""
-    space = it.task.trajectory_space
+def _trajectories(it: Examined, name: str, make: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """Return what a method makes of the contexts, shape (N, T, D), after a look at each.
+
+    Raise unless it is a trajectory, the same one again, and the context is left as it was.
+    """
+    space, found = it.task.trajectory_space, []
     for given in it.contexts:
         context = given.copy()
         made = np.asarray(make(context), np.float64)
@@ -95,6 +97,8 @@ def _trajectory(it: Examined, name: str, make: Callable[[FloatArray], FloatArray
             f"{given.tolist()}; it must depend on the context alone, and return an array of its "
             "own, that a caller may change.",
         )
+        found.append(before)
+    return np.stack(found)
 
 
 def what_is_no_context_or_trajectory_is_refused(it: Examined) -> None:

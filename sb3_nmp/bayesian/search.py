@@ -109,7 +109,8 @@ class CriticSearch:
     :param space: with the policy's answer as origin
     :param radius: of the first generation, in standard deviations of the exploration
     :param settings: of the critic
-    :param starts: other trajectories to start from, each of shape (T, D)
+    :param starts: other trajectories to start from, each of shape (T, D); empty once the search has
+        chosen where to begin, for those that lost are forgotten
     :param points: coordinates of the rollouts so far, shape (N, n)
     :param rollouts: what is known of them, oldest generation first
     :param has_improved: whether the last generation has a new best rollout

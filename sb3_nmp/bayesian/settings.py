@@ -13,8 +13,8 @@ from sb3_nmp.common.settings import Presets, Rules, check_rules, settings_name
 class ShapedExploration(Presets):
     """Smooth noise that is shaped like the demonstrations, in units of ``exploration_scale``.
 
-    The defaults are one setting for pushing, pick-and-place and bottles; on pouring they were not
-    measured. Presets: ``"push"`` for demonstrations that span all that is to be found,
+    The defaults are one setting for pushing, pick-and-place and bottles; on pouring few runs were
+    made. Presets: ``"push"`` for demonstrations that span all that is to be found,
     ``"stream"`` for streams of apertures.
 
     >>> from sb3_nmp import ShapedExploration
