@@ -139,11 +139,11 @@ def twins(*names: str, **settings: object) -> dict[str, Algorithm]:
     return {f"twin, {name}": twin(name, **settings) for name in names}
 
 
-def tuned(n_bases: int, shaped: float, population_size: int = 1) -> dict[str, Algorithm]:
+def hand_tuned(n_bases: int, shaped: float, population_size: int = 1) -> dict[str, Algorithm]:
     """Return rows of ACNMP, and of its nearest twin, with noise that was tuned on a task.
 
-    >>> list(tuned(n_bases=4, shaped=0.99))
-    ['ACNMP, tuned', 'twin, nearest, tuned']
+    >>> list(hand_tuned(n_bases=4, shaped=0.99))
+    ['ACNMP, hand-tuned', 'twin, nearest, hand-tuned']
 
     :param n_bases: of the noise, see `ShapedExploration`
     :param shaped: share of the noise that is like the demonstrations
@@ -151,9 +151,9 @@ def tuned(n_bases: int, shaped: float, population_size: int = 1) -> dict[str, Al
     """
     size: dict[str, object] = {"population_size": population_size}
     own = size | {"exploration": ACNMPExploration(n_bases=n_bases, shaped=shaped)}
-    ours = replace(ACNMP, settings=own, description="ACNMP with noise that was tuned on this task")
+    ours = replace(ACNMP, settings=own, description="ACNMP with noise that was chosen on this task")
     theirs = twin("nearest", **size, exploration=ShapedExploration(n_bases=n_bases, shaped=shaped))
-    return {"ACNMP, tuned": ours, "twin, nearest, tuned": theirs}
+    return {"ACNMP, hand-tuned": ours, "twin, nearest, hand-tuned": theirs}
 
 
 #: context in the decoder, time as it is, no trend, one network

@@ -1,6 +1,8 @@
 """Equal tuning: search spaces that constructors take, equal trials, seeds apart, what is kept."""
 
 import json
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,13 +10,16 @@ import numpy as np
 import pytest
 
 from benchmark_envs import make_task
+from results.adaptation.protocol import Adaptation
 from results.algorithms import RANDOM_SEARCH
 from results.cli import main
 from results.exceptions import BenchmarkError
+from results.harness.protocol import Protocol
 from results.suites import find_recipe
-from results.tuning import study
+from results.tuning import rows, study
+from results.tuning.contexts import TuningContext
 from results.tuning.study import StudySummary, Trial, TuningPlan, tune, with_settings
-from sb3_nmp import RCNMP, ConfigurationError
+from sb3_nmp import RCNMP, ConfigurationError, Demonstrations
 from sb3_nmp.common.tuning import Choice, Range, arguments_of, default_of
 
 RECIPE = find_recipe("rivals")
@@ -73,6 +78,70 @@ def test_tuning_draws_other_contexts_than_reported_runs() -> None:
         TuningPlan.of("rivals", RECIPE, [7, 1000], 3)
 
 
+#: how far contexts must be apart for a solution of one to tell little of the other; by task
+APART = {"nmp/Push-v0": 0.03, "nmp/Pouring-v1": 5.0, "nmp/PickAndPlace-v1": 0.005}
+
+
+@pytest.mark.parametrize("suite", ["push", "pouring", "pick-and-place"])
+def test_tuning_contexts_and_demonstrations_are_apart_from_all_that_is_reported(
+    suite: str,
+) -> None:
+    recipe = find_recipe(suite)
+    (task_id,) = recipe.tasks
+
+    def contexts(protocols: Iterable[Protocol]) -> np.ndarray:
+        splits = [each.split(task_id) for each in protocols if isinstance(each, Adaptation)]
+        return np.concatenate([np.vstack(split) for split in splits])
+
+    tuning, reported = contexts(recipe.tuning), contexts(recipe.protocols)
+    distances = np.linalg.norm(tuning[:, None] - reported, axis=2)
+    assert distances.min() >= APART[task_id]
+    space = make_task(task_id).context_space
+    assert all(space.contains(each.astype(np.float32)) for each in tuning)
+    assert len(recipe.tuning) >= 2
+
+
+@pytest.mark.parametrize("suite", ["push", "pouring", "pick-and-place"])
+def test_what_a_suite_tunes_with_demonstrations_is_accepted(suite: str) -> None:
+    recipe = find_recipe(suite)
+    plan = TuningPlan.of(suite, recipe, [1000], 2)
+    (task_id,) = recipe.tasks
+    shown = Demonstrations.from_task(task_id, TuningContext(0).split(task_id)[0][:3])
+    tuned = {"ACNMP", "twin, nearest", "CMA-ES context", "ProMP+RL (Stark)", "ProMP+RL (Ewerton)"}
+    for label in tuned:
+        algorithm = recipe.algorithms[label]
+        space = study.space_of(algorithm, plan)
+        assert 1 <= len(space) <= 4
+        for end in (0, -1):
+            chosen = {name: values(what)[end] for name, what in space.items()}
+            settings = with_settings(algorithm, chosen).settings
+            algorithm.load()("MlpPolicy", task_id, demonstrations=shown, **settings)
+
+
+def test_a_trial_costs_what_the_measure_says() -> None:
+    curve = {
+        "rollouts": [0, 5, 9],
+        "greedy_success": [False, True, True],
+        "greedy_reward": [-3, -2, -1],
+    }
+    assert PLAN.cost(curve) == pytest.approx(np.log(5))
+    assert PLAN.cost(curve | {"greedy_success": [True] * 3}) == 0.0
+    assert replace(PLAN, measure="reward").cost(curve) == 1.0
+
+
+def test_rows_take_the_best_settings_of_the_committed_studies(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(rows, "STUDIES", tmp_path)
+    assert rows.tuned_rows("rivals", RECIPE) == {}
+    trials = (Trial({}, 5.0), Trial({"epsilon": 2.5}, 3.0))
+    StudySummary("REPS", "reps", PLAN, {}, trials).write(tmp_path)
+    found = rows.tuned_rows("rivals", RECIPE)
+    assert list(found) == ["REPS, tuned"]
+    assert found["REPS, tuned"].settings["epsilon"] == 2.5
+    assert "the best of 2 trials" in found["REPS, tuned"].description
+
+
 def test_every_algorithm_has_as_many_trials_and_the_first_is_the_suites(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -126,8 +195,12 @@ def test_the_command_writes_studies_and_keeps_those_that_are_there(
 
 
 def test_what_cannot_be_tuned_is_refused() -> None:
-    with pytest.raises(BenchmarkError, match="the suite 'push' cannot be tuned"):
-        TuningPlan.of("push", find_recipe("push"), [1000], 3)
+    with pytest.raises(BenchmarkError, match="the suite 'aperture' cannot be tuned"):
+        TuningPlan.of("aperture", find_recipe("aperture"), [1000], 3)
+    with pytest.raises(BenchmarkError, match="measure is 'luck'; a trial costs rollouts or"):
+        TuningPlan.of("rivals", RECIPE, [1000], 3, measure="luck")  # type: ignore[arg-type]
+    with pytest.raises(BenchmarkError, match="nmp/Bottles-v0 has no tuning contexts"):
+        TuningContext(0).split("nmp/Bottles-v0")
     with pytest.raises(BenchmarkError, match="n_trials is 0"):
         TuningPlan.of("rivals", RECIPE, [1000], 0)
     best = StudySummary("a", "a", PLAN, {}, (Trial({}, None), Trial({"x": 1}, 2.0))).best

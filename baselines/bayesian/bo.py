@@ -12,13 +12,14 @@ from stable_baselines3.common.type_aliases import GymEnv
 
 from baselines.bayesian.policies import BOPolicy
 from sb3_nmp.bayesian.search import CriticSearch, Subspace
-from sb3_nmp.bayesian.settings import ACNMPCritic, ShapedExploration
+from sb3_nmp.bayesian.settings import SEARCH_SPACE, ACNMPCritic, ShapedExploration
 from sb3_nmp.bayesian.shaped_noise import shaped_directions
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
 from sb3_nmp.common.context_search import ContextSearch
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.rollouts import Information
 from sb3_nmp.common.settings import Rules
+from sb3_nmp.common.tuning import SearchSpace
 
 
 class BO(AdaptiveAlgorithm):
@@ -42,6 +43,7 @@ class BO(AdaptiveAlgorithm):
     policy: BOPolicy
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MlpPolicy": BOPolicy}
     rehearses: ClassVar[bool] = True
+    tunable: ClassVar[SearchSpace] = SEARCH_SPACE
 
     def __init__(
         self,

@@ -56,6 +56,10 @@ class CMAES(AdaptiveAlgorithm):
         "population_size": Choice((5, 8, 12, 20)),
         "n_bases": Range(4, 15, integer=True),
     }
+    tunable_with_demonstrations: ClassVar[SearchSpace] = {
+        "context_std": Range(0.0, 0.6),
+        "shaped": Choice((0.0, 0.5, 0.8, 0.99)),
+    }
 
     def __init__(
         self,

@@ -22,6 +22,7 @@ from sb3_nmp.common.context_search import ContextSearch
 from sb3_nmp.common.environment import Scale
 from sb3_nmp.common.rollouts import Information
 from sb3_nmp.common.settings import Rules
+from sb3_nmp.common.tuning import Choice, Range, SearchSpace
 
 
 class ProMPRLArguments(AdaptiveArguments, total=False):
@@ -48,6 +49,11 @@ class ProMPRL(AdaptiveAlgorithm):
 
     policy: ProMPPolicy
     default_exploration: ClassVar[float] = 0.1
+    tunable: ClassVar[SearchSpace] = {
+        "population_size": Choice((4, 6, 9, 14, 20)),
+        "epsilon": Range(0.5, 3.0),
+        "policy_kwargs.n_bases": Range(8, 30, integer=True),
+    }
 
     def __init__(
         self,

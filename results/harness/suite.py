@@ -28,6 +28,7 @@ class Recipe:
     :param variants: further settings of the tasks, by a name for each variant; each seed is run
         once in each. By default there is but one, without a name
     :param imports: modules that every process imports first (`results.harness.plugins`)
+    :param tuning: where its algorithms may be tuned: in contexts apart from those of ``protocols``
     """
 
     algorithms: Mapping[str, Algorithm]
@@ -39,6 +40,7 @@ class Recipe:
     published: int | None = None
     variants: Mapping[str, Mapping[str, object]] = field(default_factory=lambda: {"": {}})
     imports: tuple[str, ...] = ()
+    tuning: tuple[Protocol, ...] = ()
 
 
 @dataclass(frozen=True)

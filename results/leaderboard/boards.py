@@ -8,11 +8,11 @@ from pathlib import Path
 
 from benchmark_envs.tasks.push import EXTRAPOLATION_TARGETS
 from results.adaptation.protocol import LeaveOneOut
-from results.algorithms import CMAES
 from results.exceptions import BenchmarkError
 from results.harness.specification import RunSpecification
 from results.harness.suite import Recipe, make_suite
-from results.suites import push, quick, via_points
+from results.suites import pick_and_place, pouring, push, rivals, via_points
+from results.tuning.rows import tuned_rows
 
 #: of the committed rows, a folder for each board
 DATA = Path(__file__).parent / "data"
@@ -23,7 +23,7 @@ class Board:
     """A list of rows, one for each algorithm, made from equal budgets and seeds.
 
     >>> len(BOARDS["bottles"].runs("bottles", n_seeds=2)), BOARDS["bottles"].labels[0]
-    (12, 'RC-NMP')
+    (24, 'RC-NMP')
 
     :param title: one line
     :param recipe: what its runs are made of
@@ -55,41 +55,47 @@ class Board:
         return make_suite(name, self.recipe, seeds, labels=labels).specifications
 
 
-_CMAES = replace(
-    CMAES,
-    settings={"population_size": 10, "n_bases": 10},
-    description="CMA-ES over smooth deviations; the best of four settings on six tuning seeds",
-)
 _BEYOND = tuple(LeaveOneOut(target, extrapolation=True) for target in EXTRAPOLATION_TARGETS)
-_ADAPTING = (
-    "ACNMP",
-    "ACNMP, network drives",
-    "twin, nearest",
-    "twin, ridge",
-    "twin, Gaussian process",
-)
 _THROUGH = ("RC-NMP", "GA", "GA, judged", "CMA-ES", "REPS")
 _POINTS = ("3 points", "6 points")
+
+
+def _equal(suite: str, recipe: Recipe, budget: int) -> Recipe:
+    """Return a suite's recipe with one budget for all, and with the rows that its studies tuned.
+
+    :param suite: its name
+    :param recipe: what it is made of
+    :param budget: rollouts of a run
+    """
+    rows = {**recipe.algorithms, **tuned_rows(suite, recipe)}
+    same = {label: replace(algorithm, budget=None) for label, algorithm in rows.items()}
+    return replace(recipe, algorithms=same, budget=budget, published=None)
+
 
 BOARDS = {
     "bottles": Board(
         "between two bottles, from nothing",
-        replace(quick.RECIPE, algorithms={**quick.ALGORITHMS, "CMA-ES": _CMAES}, budget=200),
-        tuple(range(300, 310)),
+        _equal("rivals", rivals.RECIPE, 200),
+        tuple(range(300, 350)),
         n_checked=10,
     ),
     "push-beyond": Board(
         "pushing to targets beyond the demonstrated ones",
-        replace(
-            push.RECIPE,
-            algorithms={label: push.ALGORITHMS[label] for label in _ADAPTING},
-            protocols=_BEYOND,
-            budget=60,
-            published=None,
-            checkpoints=(0, 20, 60),
-        ),
+        replace(_equal("push", push.RECIPE, 130), protocols=_BEYOND, checkpoints=(0, 40, 80, 130)),
+        tuple(range(300, 320)),
+        n_checked=4,
+    ),
+    "pouring": Board(
+        "pouring amounts far beyond the demonstrated ones",
+        _equal("pouring", pouring.RECIPE, 18),
         tuple(range(300, 310)),
-        n_checked=5,
+        n_checked=3,
+    ),
+    "pick-and-place": Board(
+        "objects and towers taller than the demonstrated ones",
+        _equal("pick-and-place", pick_and_place.RECIPE, 100),
+        tuple(range(300, 310)),
+        n_checked=3,
     ),
     "via-points": Board(
         "through three and six points",

@@ -13,13 +13,14 @@ from results.algorithms import (
     REPS,
     STARK,
     SUM_ALONE,
+    hand_tuned,
     thesis_acnmp,
-    tuned,
     twin,
     twins,
 )
 from results.harness.suite import Recipe
 from results.suites.push import RCNMP_FREE
+from results.tuning.contexts import tuning_contexts
 
 ALGORITHMS = {
     "ACNMP": ACNMP,
@@ -27,7 +28,7 @@ ALGORITHMS = {
     "ACNMP, one start": replace(ACNMP, settings=ONE_START),
     "twin, all starts": ALL_STARTS,
     **twins("nearest", "ridge", "Gaussian process"),
-    **tuned(n_bases=8, shaped=0.5),
+    **hand_tuned(n_bases=8, shaped=0.5),
     "twin, nearest, sum alone": twin("nearest", **SUM_ALONE),
     "ACNMP (thesis)": thesis_acnmp(),
     "CMA-ES context": replace(
@@ -40,4 +41,14 @@ ALGORITHMS = {
 }
 TASKS: dict[str, dict[str, object]] = {"nmp/PickAndPlace-v1": {}}
 PROTOCOLS = tuple(Extrapolation(target) for target in range(len(EXTRAPOLATION_CONTEXTS)))
-RECIPE = Recipe(ALGORITHMS, TASKS, 100, 10, PROTOCOLS, checkpoints=(0, 20, 50, 100), published=100)
+TUNING = tuning_contexts("nmp/PickAndPlace-v1")
+RECIPE = Recipe(
+    ALGORITHMS,
+    TASKS,
+    100,
+    10,
+    PROTOCOLS,
+    checkpoints=(0, 20, 50, 100),
+    published=100,
+    tuning=TUNING,
+)

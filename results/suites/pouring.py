@@ -14,13 +14,14 @@ from results.algorithms import (
     REPS,
     STARK,
     SUM_ALONE,
+    hand_tuned,
     thesis_acnmp,
-    tuned,
     twin,
     twins,
 )
 from results.harness.suite import Recipe
 from results.suites.push import RCNMP_FREE
+from results.tuning.contexts import tuning_contexts
 
 ALGORITHMS = {
     "ACNMP": ACNMP,
@@ -28,7 +29,7 @@ ALGORITHMS = {
     "ACNMP, one start": replace(ACNMP, settings=ONE_START),
     "twin, all starts": ALL_STARTS,
     **twins("nearest", "ridge", "Gaussian process"),
-    **tuned(n_bases=4, shaped=0.5),
+    **hand_tuned(n_bases=4, shaped=0.5),
     "twin, ridge, sum alone": twin("ridge", **SUM_ALONE),
     "ACNMP (thesis)": thesis_acnmp(),
     "CMA-ES context": replace(CMAES, settings={"n_bases": 4, "context_std": 0.3}),
@@ -42,4 +43,14 @@ ALGORITHMS = {
 }
 TASKS: dict[str, dict[str, object]] = {"nmp/Pouring-v1": {}}
 PROTOCOLS = tuple(Extrapolation(target) for target in range(len(EXTRAPOLATION_CONTEXTS)))
-RECIPE = Recipe(ALGORITHMS, TASKS, 18, 10, PROTOCOLS, checkpoints=(0, 6, 12, 18), published=18)
+TUNING = tuning_contexts("nmp/Pouring-v1")
+RECIPE = Recipe(
+    ALGORITHMS,
+    TASKS,
+    18,
+    10,
+    PROTOCOLS,
+    checkpoints=(0, 6, 12, 18),
+    published=18,
+    tuning=TUNING,
+)

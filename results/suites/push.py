@@ -15,11 +15,12 @@ from results.algorithms import (
     REPS,
     STARK,
     TWINS,
+    hand_tuned,
     thesis_acnmp,
-    tuned,
     twins,
 )
 from results.harness.suite import Recipe
+from results.tuning.contexts import tuning_contexts
 from sb3_nmp import ACNMPExploration
 
 #: of the network's own search: nearly all of the noise is like the demonstrations
@@ -33,7 +34,7 @@ ALGORITHMS = {
     "ACNMP, one start": replace(ACNMP, settings=ONE_START),
     "twin, all starts": ALL_STARTS,
     **twins(*TWINS),
-    **tuned(population_size=3, n_bases=4, shaped=0.99),
+    **hand_tuned(population_size=3, n_bases=4, shaped=0.99),
     "ACNMP (thesis)": thesis_acnmp(),
     "CMA-ES residual": replace(
         CMAES,
@@ -50,4 +51,5 @@ TASKS: dict[str, dict[str, object]] = {"nmp/Push-v0": {}}
 PROTOCOLS = tuple(LeaveOneOut(t, t in EXTRAPOLATION_TARGETS) for t in range(len(TARGETS)))
 #: rollouts of Table 5.1; 130 is what the thesis tells of ACNMP
 CHECKPOINTS, PUBLISHED = (0, 40, 80, 200), 130
-RECIPE = Recipe(ALGORITHMS, TASKS, 200, 5, PROTOCOLS, CHECKPOINTS, PUBLISHED)
+TUNING = tuning_contexts("nmp/Push-v0")
+RECIPE = Recipe(ALGORITHMS, TASKS, 200, 5, PROTOCOLS, CHECKPOINTS, PUBLISHED, tuning=TUNING)

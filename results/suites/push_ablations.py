@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from results.algorithms import ACNMP, TWINS, tuned, twins
+from results.algorithms import ACNMP, TWINS, hand_tuned, twins
 from results.harness.specification import Algorithm
 from results.harness.suite import Recipe
 from results.suites.push import ALGORITHMS as PUSH_ALGORITHMS
@@ -37,7 +37,7 @@ ALGORITHMS = {
     "contexts too": acnmp(exploration=ACNMPExploration(context=0.5)),
     "noise not shaped": acnmp(exploration=ACNMPExploration(shaped=0.0)),
     "noise all shaped": acnmp(exploration=ACNMPExploration(shaped=0.99)),
-    **tuned(population_size=3, n_bases=4, shaped=0.99),
+    **hand_tuned(population_size=3, n_bases=4, shaped=0.99),
     "no pull": acnmp(critic=ACNMPCritic(pull=0.0)),
     **twins(*TWINS),
     "thesis's decoder": acnmp(

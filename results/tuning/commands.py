@@ -21,6 +21,13 @@ def add_tune(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--trials", type=int, default=10, metavar="N", help="default: %(default)s")
     parser.add_argument("--seeds", default="1000-1002", help="of tuning (default: %(default)s)")
     parser.add_argument("--budget", type=int, help="rollouts per run (default: the suite's)")
+    parser.add_argument(
+        "--measure",
+        choices=("rollouts", "reward"),
+        default="rollouts",
+        help="what a trial costs: rollouts to success, or the reward at the end (default: "
+        "%(default)s)",
+    )
     parser.add_argument("--out", type=Path, default=STUDIES, metavar="DIR", help="of the studies")
     parser.add_argument("--overwrite", action="store_true", help="do finished studies again")
 
@@ -36,7 +43,9 @@ def tune(options: argparse.Namespace) -> int:
 
     recipe = find_recipe(options.suite)
     seeds = parse_seeds(options.seeds)
-    plan = TuningPlan.of(options.suite, recipe, seeds, options.trials, options.budget)
+    plan = TuningPlan.of(
+        options.suite, recipe, seeds, options.trials, options.budget, options.measure
+    )
     for line in tune_suite(recipe, plan, options.out, options.algorithms, options.overwrite):
         print(line, flush=True)
     return 0

@@ -1,20 +1,23 @@
 """A tuning study: trials of an algorithm's settings on tuning seeds, and what is kept of it.
 
-What a trial costs is the mean logarithm of the rollouts until the greedy policy succeeds, over the
-tuning runs; a run that never does counts as twice its budget. The first trial are the settings that
-the suite has, so that tuning can only be a gain on the tuning seeds.
+What a trial costs is told by one of two measures. ``"rollouts"``: the mean logarithm of the
+rollouts until the greedy policy succeeds, over the tuning runs; a run that never does counts as
+twice its budget. ``"reward"``: minus the mean reward of the greedy trajectory at the end. The first
+trial are the settings that the suite has, so that tuning can only be a gain on the tuning seeds.
 """
 
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from dataclasses import fields as dataclass_fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
 from results.exceptions import BenchmarkError
-from results.harness.records import slug
+from results.harness.protocol import Protocol
+from results.harness.records import Curve, slug
 from results.harness.runner import execute
 from results.harness.specification import Algorithm, RunSpecification, plain
 from results.harness.suite import Recipe, find_label
@@ -28,6 +31,8 @@ if TYPE_CHECKING:
 #: reported runs have smaller seeds
 FIRST_TUNING_SEED = 1000
 
+Measure = Literal["rollouts", "reward"]
+
 
 @dataclass(frozen=True)
 class TuningPlan:
@@ -39,7 +44,10 @@ class TuningPlan:
     :param budget: rollouts of a run
     :param seeds: of the runs of each trial; none of them is reported
     :param n_trials: of each algorithm, its settings in the suite included
-    :raises BenchmarkError: a seed that reported runs have, no seed, or fewer than one trial
+    :param protocols: each seed is run once in each
+    :param measure: what a trial costs
+    :raises BenchmarkError: a seed that reported runs have, no seed, fewer than one trial, or no
+        such measure
     """
 
     suite: str
@@ -48,9 +56,11 @@ class TuningPlan:
     budget: int
     seeds: tuple[int, ...]
     n_trials: int
+    protocols: tuple[Protocol, ...] = (OneContext(),)
+    measure: Measure = "rollouts"
 
     def __post_init__(self) -> None:
-        """Check seeds and trials."""
+        """Check seeds, trials and measure."""
         reported = [seed for seed in self.seeds if seed < FIRST_TUNING_SEED]
         if reported or not self.seeds:
             raise BenchmarkError(
@@ -60,6 +70,43 @@ class TuningPlan:
             )
         if self.n_trials < 1:
             raise BenchmarkError(f"n_trials is {self.n_trials}; at least 1 is needed.")
+        if self.measure not in get_args(Measure):
+            raise BenchmarkError(
+                f"measure is {self.measure!r}; a trial costs {' or '.join(get_args(Measure))}."
+            )
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """Its fields as JSON values."""
+        fields = {f.name: plain(getattr(self, f.name)) for f in dataclass_fields(self)[:-2]}
+        where = [[each.name, each.number] for each in self.protocols]
+        return {**fields, "protocols": where, "measure": self.measure}
+
+    @property
+    def n_runs(self) -> int:
+        """The runs of each trial."""
+        return len(self.protocols) * len(self.seeds)
+
+    def cost(self, curve: Curve) -> float:
+        """Return what a run cost.
+
+        :param curve: of its record
+        """
+        if self.measure == "reward":
+            return -float(curve["greedy_reward"][-1])
+        first = rollouts_to_success(curve["rollouts"], curve["greedy_success"])
+        return float(np.log(min(max(first, 1.0), 2.0 * self.budget)))
+
+    def told(self, trial: "Trial") -> str:
+        """Return a trial's cost in words.
+
+        :param trial: of this plan
+        """
+        if trial.cost is None:
+            return "failed"
+        if self.measure == "reward":
+            return f"reward {-trial.cost:.4f}"
+        return f"{np.exp(trial.cost):.0f} rollouts"
 
     @classmethod
     def of(
@@ -69,6 +116,7 @@ class TuningPlan:
         seeds: Sequence[int],
         n_trials: int,
         budget: int | None = None,
+        measure: Measure = "rollouts",
     ) -> "TuningPlan":
         """Return the plan for a suite.
 
@@ -77,15 +125,20 @@ class TuningPlan:
         :param seeds: of the runs of each trial
         :param n_trials: of each algorithm
         :param budget: rollouts of a run; the recipe's by default
-        :raises BenchmarkError: the suite is not of one task in one context
+        :param measure: what a trial costs
+        :raises BenchmarkError: the suite is not of one task, or has no contexts to tune in
         """
-        if recipe.protocols != (OneContext(),) or len(recipe.tasks) != 1:
+        alone = recipe.protocols == (OneContext(),)
+        protocols = recipe.tuning or (recipe.protocols if alone else ())
+        if not protocols or len(recipe.tasks) != 1:
             raise BenchmarkError(
                 f"the suite '{suite}' cannot be tuned: its runs must be of one task, in one "
-                "context without demonstrations, as those of quick, bottles and rivals are."
+                "context without demonstrations, as those of quick, bottles and rivals are, or it "
+                "must have tuning contexts, as push, pouring and pick-and-place have."
             )
         ((task, settings),) = recipe.tasks.items()
-        return cls(suite, task, dict(settings), budget or recipe.budget, tuple(seeds), n_trials)
+        size = budget or recipe.budget
+        return cls(suite, task, dict(settings), size, tuple(seeds), n_trials, protocols, measure)
 
 
 @dataclass(frozen=True)
@@ -129,7 +182,15 @@ class StudySummary:
         """
         path = study_path(folder, self.plan.suite, self.label)
         path.parent.mkdir(parents=True, exist_ok=True)
-        content = asdict(self) | {"best": asdict(self.best)}
+        trials = [asdict(trial) for trial in self.trials]
+        content = {
+            "label": self.label,
+            "algorithm": self.algorithm,
+            "plan": self.plan.record,
+            "space": self.space,
+            "trials": trials,
+            "best": asdict(self.best),
+        }
         partial = path.with_suffix(".partial")
         partial.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
         partial.replace(path)
@@ -150,7 +211,7 @@ def tune(
     :param on_trial: told each trial
     :raises BenchmarkError: it declares nothing to tune, or Optuna is not installed
     """
-    space: SearchSpace = getattr(algorithm.load(), "tunable", {})
+    space = space_of(algorithm, plan)
     if not space:
         raise BenchmarkError(f"{label} declares no search space: its class needs 'tunable'.")
     try:
@@ -203,8 +264,8 @@ def tune_suite(
         summary = tune(label, recipe.algorithms[label], plan)
         first, best = summary.trials[0], summary.best
         yield (
-            f"{label}: {_rollouts(first)} rollouts as in the suite, {_rollouts(best)} with "
-            f"{best.chosen or 'the same'}, {len(summary.trials)} trials of {len(plan.seeds)} runs; "
+            f"{label}: {plan.told(first)} as in the suite, {plan.told(best)} with "
+            f"{best.chosen or 'the same'}, {len(summary.trials)} trials of {plan.n_runs} runs; "
             f"{summary.write(folder)}"
         )
 
@@ -219,9 +280,16 @@ def study_path(folder: Path, suite: str, label: str) -> Path:
     return folder / suite / f"{slug(label)}.json"
 
 
-def _rollouts(trial: Trial) -> str:
-    """Return the geometric mean of rollouts that a trial took."""
-    return "failed:" if trial.cost is None else f"{np.exp(trial.cost):.0f}"
+def space_of(algorithm: Algorithm, plan: TuningPlan) -> SearchSpace:
+    """Return what is tuned of an algorithm: more where it is shown demonstrations.
+
+    :param algorithm: as the suite has it
+    :param plan: what is equal for all
+    """
+    kind = algorithm.load()
+    shown = plan.protocols != (OneContext(),)
+    more = getattr(kind, "tunable_with_demonstrations", {}) if shown else {}
+    return {**getattr(kind, "tunable", {}), **more}
 
 
 def suggest(trial: "optuna.Trial", name: str, what: object) -> Value:
@@ -256,15 +324,15 @@ def cost_of(label: str, algorithm: Algorithm, plan: TuningPlan) -> float | None:
     :param algorithm: with the settings
     :param plan: what is equal for all
     """
-    logs = []
-    for seed in plan.seeds:
-        run = RunSpecification(
-            label, algorithm, plan.task, seed, plan.budget, OneContext(), plan.task_settings
-        )
-        try:
-            curve = execute(run).measured.curve
-        except Exception:  # whatever an algorithm raises is this setting's result
-            return None
-        first = rollouts_to_success(curve["rollouts"], curve["greedy_success"])
-        logs.append(np.log(min(first, 2.0 * plan.budget)))
-    return float(np.mean(logs))
+    costs = []
+    for protocol in plan.protocols:
+        for seed in plan.seeds:
+            run = RunSpecification(
+                label, algorithm, plan.task, seed, plan.budget, protocol, plan.task_settings
+            )
+            try:
+                curve = execute(run).measured.curve
+            except Exception:  # whatever an algorithm raises is this setting's result
+                return None
+            costs.append(plan.cost(curve))
+    return float(np.mean(costs))

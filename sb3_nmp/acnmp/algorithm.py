@@ -17,13 +17,14 @@ from sb3_nmp.acnmp.policy import ACNMPPolicy
 from sb3_nmp.acnmp.search import PolicySearch
 from sb3_nmp.acnmp.settings import ACNMPAdaptation, ACNMPExploration
 from sb3_nmp.bayesian.search import CriticSearch, Subspace
-from sb3_nmp.bayesian.settings import ACNMPCritic
+from sb3_nmp.bayesian.settings import SEARCH_SPACE, ACNMPCritic
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
 from sb3_nmp.common.context_search import ContextSearch
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import UntrainedWarning
 from sb3_nmp.common.rollouts import Generation, Information
 from sb3_nmp.common.settings import Rules
+from sb3_nmp.common.tuning import SearchSpace
 from sb3_nmp.models.cnmp_training import (
     CNMPPretraining,
     PointSampler,
@@ -81,6 +82,7 @@ class ACNMP(AdaptiveAlgorithm):
     policy: ACNMPPolicy
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MlpPolicy": ACNMPPolicy}
     rehearses: ClassVar[bool] = True
+    tunable: ClassVar[SearchSpace] = SEARCH_SPACE
 
     def __init__(
         self,

@@ -6,6 +6,15 @@ from typing import Any, ClassVar
 
 from sb3_nmp.common.regression import Regression, check_regression
 from sb3_nmp.common.settings import Presets, Rules, check_rules, settings_name
+from sb3_nmp.common.tuning import Choice, Range, SearchSpace
+
+#: what is tuned of an algorithm that searches with `ShapedExploration`
+SEARCH_SPACE: SearchSpace = {
+    "population_size": Choice((1, 2, 3, 5)),
+    "exploration.n_bases": Range(4, 12, integer=True),
+    "exploration.shaped": Choice((0.3, 0.5, 0.8, 0.94, 0.99)),
+    "exploration.radius": Range(0.3, 1.2, log=True),
+}
 
 
 @settings_name("shaped-exploration")
