@@ -26,6 +26,9 @@ from results.leaderboard.rows import Claim, Evidence, Row, mean_reward
 from results.leaderboard.verify import TOLERANCE, verify_row
 from results.one_context.protocol import OneContext
 from results.report.statistics import permutation_p
+from results.stream.evaluation import N_KEPT
+from results.stream.protocol import Stream
+from results.suites import random_bottles
 from tests import results_fakes
 
 N_SEEDS = 10
@@ -42,12 +45,27 @@ HILLS = Board(
     tuple(range(500, 500 + N_SEEDS)),
     n_checked=N_SEEDS,
 )
+#: over many contexts
+ANYWHERE = Board(
+    "hills anywhere",
+    Recipe(
+        {"nearest": random_bottles.ALGORITHMS["twin, nearest"]},
+        {"nmp/Bottles-v0": {"random_bottles": True}},
+        60,
+        2,
+        (Stream(0, 1000, 40, n_evaluations=3),),
+    ),
+    (500, 501),
+    n_checked=2,
+    most_failures=0.9,
+)
 
 
 @pytest.fixture(scope="module", autouse=True)
 def hills() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(BOARDS, "hills", HILLS)
+        patch.setitem(BOARDS, "anywhere", ANYWHERE)
         yield
 
 
@@ -63,8 +81,8 @@ def update(folder: Path) -> int:
     return command("update", folder / "data", "--out", str(folder / "runs"))
 
 
-def command(what: str, data: Path, *more: str) -> int:
-    asked = ["leaderboard", what, "--board", "hills", "--data", str(data), "--workers", "1"]
+def command(what: str, data: Path, *more: str, board: str = "hills") -> int:
+    asked = ["leaderboard", what, "--board", board, "--data", str(data), "--workers", "1"]
     return main([*asked, *more])
 
 
@@ -302,6 +320,87 @@ def test_the_mean_reward_holds_each_entry_until_the_next() -> None:
     assert mean_reward([40], [-2.0], 40) == -2.0
 
 
+# -- over many contexts ----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def anywhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("anywhere")
+    out = ("--out", str(folder / "runs"))
+    assert command("update", folder / "data", *out, board="anywhere") == 0
+    return folder / "data"
+
+
+def test_a_row_over_many_contexts_is_made_shown_verified_and_checked(
+    anywhere: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    row, evidence = the_row(anywhere)
+    assert evidence.contexts.shape == (2, N_KEPT, 4)
+    assert evidence.final.shape == (2, N_KEPT, 200, 2)
+    assert evidence.solving.shape == (0, 200, 2)
+    assert row.failure_rate is not None and 0 < row.failure_rate[0] < 1
+    assert "solved with at most 90% failures" in (anywhere / "README.md").read_text()
+    assert command("verify", anywhere, board="anywhere") == 0
+    assert command("check", anywhere, board="anywhere") == 0
+    told = capsys.readouterr().out
+    assert "anywhere/nearest: holds (bitwise)" in told
+    assert "anywhere, nearest: 2 runs again, the same to the bit" in told
+
+
+def fewer_failures(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return changed_claim(row, 0, failure_rate=0.0), evidence
+
+
+def fewer_kept_failures(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    n = row.claims[0].n_kept_failures
+    return changed_claim(row, 0, n_kept_failures=n - 1), evidence
+
+
+def a_kept_reward_one_bit_better(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    first, *others = row.claims[0].kept_rewards
+    kept = (float(np.nextafter(first, 1.0)), *others)
+    return changed_claim(row, 0, kept_rewards=kept, reward=float(np.mean(kept))), evidence
+
+
+def a_better_mean(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return changed_claim(row, 0, reward=row.claims[0].reward + 0.1), evidence
+
+
+def an_easier_kept_context(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    contexts = evidence.contexts.copy()
+    contexts[0, 0] = contexts[0, 1]
+    return row, replace(evidence, contexts=contexts)
+
+
+def only_some_contexts(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    kept = row.claims[0].kept_rewards[:5]
+    return changed_claim(row, 0, kept_rewards=kept, reward=float(np.mean(kept))), evidence
+
+
+def no_success_in_spite_of_its_failures(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    i = of(row, True)
+    return changed_claim(row, i, success=False, rollouts=None), evidence
+
+
+OVER_MANY: dict[Forgery, str] = {
+    fewer_failures: "of the 25 kept ones do",
+    fewer_kept_failures: "of the kept trajectories fail, not",
+    a_kept_reward_one_bit_better: "the trajectory in kept context 0 earns",
+    a_better_mean: "is not the mean of the kept ones",
+    an_easier_kept_context: "is in the context",
+    only_some_contexts: "tells 5 rewards",
+    no_success_in_spite_of_its_failures: "says success False, but",
+}
+
+
+@pytest.mark.parametrize("forge", OVER_MANY, ids=lambda forge: forge.__name__)
+def test_a_forger_of_a_row_over_many_contexts_is_caught(
+    anywhere: Path, tmp_path: Path, forge: Forgery
+) -> None:
+    path = write_row(tmp_path, *forge(*the_row(anywhere)))
+    assert any(OVER_MANY[forge] in problem for problem in verify_row(path).problems)
+
+
 # -- check -------------------------------------------------------------------------------------
 
 
@@ -383,7 +482,9 @@ def test_false_alarms_are_bounded_and_simulated() -> None:
                 break
     assert alarms <= n_boards * level + 2 * np.sqrt(n_boards * level * (1 - level))
     smallest = 1 / 50_001  # a p-value's, before correction for every row and measure there is
-    n_committed = sum(len(board.labels) for name, board in BOARDS.items() if name != "hills")
+    n_committed = sum(
+        len(board.labels) for name, board in BOARDS.items() if name not in {"hills", "anywhere"}
+    )
     assert smallest * n_committed * len(MEASURES) < FALSE_ALARMS
 
 

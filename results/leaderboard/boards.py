@@ -11,7 +11,15 @@ from results.adaptation.protocol import LeaveOneOut
 from results.exceptions import BenchmarkError
 from results.harness.specification import RunSpecification
 from results.harness.suite import Recipe, make_suite
-from results.suites import pick_and_place, pouring, push, rivals, via_points
+from results.suites import (
+    aperture,
+    pick_and_place,
+    pouring,
+    push,
+    random_bottles,
+    rivals,
+    via_points,
+)
 from results.tuning.rows import tuned_rows
 
 #: of the committed rows, a folder for each board
@@ -29,12 +37,14 @@ class Board:
     :param recipe: what its runs are made of
     :param seeds: of its runs
     :param n_checked: how many of them, the first ones, a check does again
+    :param most_failures: share of held-out contexts that may fail in a success over many contexts
     """
 
     title: str
     recipe: Recipe
     seeds: tuple[int, ...]
     n_checked: int
+    most_failures: float = 0.0
 
     @property
     def labels(self) -> list[str]:
@@ -96,6 +106,20 @@ BOARDS = {
         _equal("pick-and-place", pick_and_place.RECIPE, 100),
         tuple(range(300, 310)),
         n_checked=3,
+    ),
+    "random-bottles": Board(
+        "between two bottles wherever they stand, from nothing",
+        replace(random_bottles.RECIPE, budget=500),
+        tuple(range(300, 310)),
+        n_checked=2,
+        most_failures=0.02,
+    ),
+    "aperture": Board(
+        "through apertures wherever they are, 30 demonstrations",
+        replace(aperture.RECIPE, budget=3000),
+        tuple(range(300, 310)),
+        n_checked=1,
+        most_failures=0.02,
     ),
     "via-points": Board(
         "through three and six points",

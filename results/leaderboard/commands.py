@@ -126,7 +126,7 @@ def _update(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> 
                 print(f"{name}, {label}: not all runs have finished; no row", file=sys.stderr)
                 status = FAILS
                 continue
-            print(f"Written: {write_row(data, *make_row(name, found))}")
+            print(f"Written: {write_row(data, *make_row(name, found, board.most_failures))}")
     rows = [read_row(path)[0] for path in row_paths(data)]
     text = f"# Leaderboard\n\n{page(rows).markdown()}"
     (data / "README.md").write_text(text, encoding="utf-8")
@@ -221,4 +221,6 @@ def _claims_again(
 
     with tempfile.TemporaryDirectory(prefix="nmp-bench-") as folder:
         plan = plan_runs(Path(folder), board.runs(name, [label], n_seeds or board.n_checked))
-        return [claim_of(outcome.record) for outcome in run_plan(plan, n_workers)]
+        return [
+            claim_of(outcome.record, board.most_failures) for outcome in run_plan(plan, n_workers)
+        ]

@@ -24,16 +24,23 @@ Interval = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Claim:
-    """What is said of one run.
+    """What is said of one run: in one context, or over many.
+
+    Over many, it is said of the answers to held-out contexts, the first ones of which are kept. The
+    policy succeeds where at most a board's share of them fails.
 
     :param seed: of the run
     :param variant: name of the task's settings
     :param target: the number of its context, where the protocol numbers them
     :param rollouts: from which on the greedy trajectory succeeds, None where it does not in the end
-    :param reward: of the last greedy trajectory
+    :param reward: of the last greedy trajectory; over many contexts the mean of the kept ones
     :param success: whether that one succeeds
-    :param solving_reward: of the greedy trajectory from which on all succeed; None where none is
+    :param solving_reward: of the greedy trajectory from which on all succeed; None where none is,
+        and over many contexts
     :param mean_reward: of the greedy trajectory, over all rollouts of the budget
+    :param failure_rate: share of all held-out contexts that fail in the end; None in one context
+    :param kept_rewards: of the kept contexts; empty in one context
+    :param n_kept_failures: how many of the kept contexts fail
     """
 
     seed: int
@@ -44,6 +51,9 @@ class Claim:
     success: bool
     solving_reward: float | None
     mean_reward: float
+    failure_rate: float | None = None
+    kept_rewards: tuple[float, ...] = ()
+    n_kept_failures: int = 0
 
     @property
     def key(self) -> tuple[int, str, int | None]:
@@ -96,6 +106,12 @@ class Row:
         return interquartile_mean(means), *interquartile_mean_interval(means)
 
     @property
+    def failure_rate(self) -> Interval | None:
+        """Interquartile mean of the share of contexts that fail, and its interval; None in one."""
+        rates = [c.failure_rate for c in self.claims if c.failure_rate is not None]
+        return (interquartile_mean(rates), *interquartile_mean_interval(rates)) if rates else None
+
+    @property
     def solved(self) -> int:
         """How many runs succeed in the end."""
         return sum(claim.success for claim in self.claims)
@@ -105,8 +121,8 @@ class Row:
 class Evidence:
     """The trajectories that earned a row, in single precision, in the order of its claims.
 
-    :param contexts: of the runs, shape (R, C)
-    :param final: the last greedy trajectories, shape (R, T, D)
+    :param contexts: of the runs, shape (R, C); over many contexts the kept ones, (R, K, C)
+    :param final: the last greedy trajectories, shape (R, T, D) or (R, K, T, D)
     :param solving: those from which on all succeed, of the runs that have one, shape (S, T, D)
     """
 
@@ -115,25 +131,24 @@ class Evidence:
     solving: Float32Array
 
 
-def claim_of(record: RunRecord) -> Claim:
-    """Return what is said of a finished run in one context.
+def claim_of(record: RunRecord, most_failures: float = 0.0) -> Claim:
+    """Return what is said of a finished run.
 
     :param record: of the run
-    :raises BenchmarkError: a failed run, one over many contexts, or one from before records kept
-        what can be repeated
+    :param most_failures: share of held-out contexts that may fail in a success over many
+    :raises BenchmarkError: a failed run, or one from before records kept what can be repeated
     """
     asked = record.specification
     if not record.finished:
         raise BenchmarkError(
             f"{asked.name} has failed ({record.reason}): a row needs all its runs."
         )
+    if "failure_rate" in record.curve:
+        return _over_many(record, most_failures)
     measured = record.measured
     greedy, curve = measured.rollouts.get("greedy"), record.curve
     if measured.context is None or greedy is None or greedy.reward is None:
-        raise BenchmarkError(
-            f"{asked.name} tells no trajectory in one context, or is from before records kept them "
-            "exactly; do it again (nmp-bench leaderboard update --overwrite)."
-        )
+        raise _cannot_be_repeated(record)
     count = rollouts_to_success(curve["rollouts"], curve["greedy_success"])
     solving = measured.rollouts.get("solving")
     return Claim(
@@ -145,6 +160,35 @@ def claim_of(record: RunRecord) -> Claim:
         bool(greedy.success),
         None if solving is None else solving.reward,
         mean_reward(curve["rollouts"], curve["greedy_reward"], asked.budget),
+    )
+
+
+def _over_many(record: RunRecord, most_failures: float) -> Claim:
+    asked, curve, kept = record.specification, record.curve, record.measured.more.get("kept")
+    if not kept:
+        raise _cannot_be_repeated(record)
+    count = rollouts_to_success(
+        curve["rollouts"], [rate <= most_failures for rate in curve["failure_rate"]]
+    )
+    return Claim(
+        asked.seed,
+        asked.variant,
+        asked.protocol.number,
+        None if math.isinf(count) else count,
+        float(np.mean(kept["rewards"])),
+        not math.isinf(count),
+        None,
+        mean_reward(curve["rollouts"], curve["mean_reward"], asked.budget),
+        curve["failure_rate"][-1],
+        tuple(kept["rewards"]),
+        len(kept["successes"]) - sum(kept["successes"]),
+    )
+
+
+def _cannot_be_repeated(record: RunRecord) -> BenchmarkError:
+    return BenchmarkError(
+        f"{record.specification.name} tells no trajectory that can be repeated, or is from before "
+        "records kept them exactly; do it again (nmp-bench leaderboard update --overwrite)."
     )
 
 
@@ -165,16 +209,19 @@ def mean_reward(rollouts: Sequence[int], rewards: Sequence[float], budget: int) 
     return float(np.average(np.asarray(rewards, float), weights=weights))
 
 
-def make_row(board: str, records: Iterable[RunRecord]) -> tuple[Row, Evidence]:
+def make_row(
+    board: str, records: Iterable[RunRecord], most_failures: float = 0.0
+) -> tuple[Row, Evidence]:
     """Return the row of one algorithm, and the trajectories that earned it.
 
     :param board: its name
     :param records: of all its runs
+    :param most_failures: see `claim_of`
     :raises BenchmarkError: a run that can be no part of it, or runs of different commits, versions
         or machines
     """
     runs = sorted(records, key=_order)
-    claims = tuple(claim_of(record) for record in runs)
+    claims = tuple(claim_of(record, most_failures) for record in runs)
     first = runs[0]
     asked = first.specification
     for record in runs:
@@ -205,9 +252,14 @@ def _check_same_origin(board: str, first: RunRecord, other: RunRecord) -> None:
 
 
 def _evidence(runs: Sequence[RunRecord]) -> Evidence:
-    kept = [record.measured.rollouts for record in runs]
-    final = np.array([each["greedy"].trajectory for each in kept], np.float32)
-    solving = [each["solving"].trajectory for each in kept if "solving" in each]
+    if "failure_rate" in runs[0].curve:
+        every = [record.measured.more["kept"] for record in runs]
+        contexts = np.array([kept["contexts"] for kept in every], np.float32)
+        final = np.array([kept["trajectories"] for kept in every], np.float32)
+        return Evidence(contexts, final, np.empty((0, *final.shape[2:]), np.float32))
+    rollouts = [record.measured.rollouts for record in runs]
+    final = np.array([each["greedy"].trajectory for each in rollouts], np.float32)
+    solving = [each["solving"].trajectory for each in rollouts if "solving" in each]
     contexts = [record.measured.context.values for record in runs if record.measured.context]
     return Evidence(
         np.array(contexts, np.float32),

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from results.harness.records import Provenance
 from results.leaderboard.boards import BOARDS
-from results.leaderboard.rows import Interval, Row
+from results.leaderboard.rows import Row
 from results.report.footnotes import EXPECTED_NOTE
 from results.report.own_answer import SIGNS
 from results.report.text_table import NOT_APPLICABLE, Cell, Page, Section, TextTable
@@ -15,16 +15,19 @@ HEADER = (
     "solved",
     "expected\nrollouts",
     "final reward\nIQM",
+    "fail\n%",
     "sees",
     "commit",
 )
 NOTES = (
     "A row: the runs of one algorithm, with equal budgets and seeds; no seed was tuned on. "
-    "solved: runs whose greedy trajectory succeeds at the end of the budget.",
+    "solved: runs whose greedy trajectory succeeds at the end of the budget; over many contexts, "
+    "runs that end with no more failures than the board allows.",
     EXPECTED_NOTE,
-    "final reward: of the greedy trajectory, interquartile mean over seeds with its 95 % interval. "
-    "sees: R reward, S success, T the reward's terms, P step rewards, A achieved contexts, D "
-    "demonstrations.",
+    "final reward: of the greedy trajectory, interquartile mean over seeds with its 95 % interval; "
+    "over many contexts the mean over those whose trajectories are kept. fail: share of all unseen "
+    "contexts in the end. sees: R reward, S success, T the reward's terms, P step rewards, A "
+    "achieved contexts, D demonstrations.",
     "'nmp-bench leaderboard verify' simulates the trajectories that earned the rows, 'check' does "
     "runs again.",
 )
@@ -42,7 +45,11 @@ def page(rows: Sequence[Row]) -> Page:
 
 def _table(board: str, rows: Sequence[Row]) -> TextTable:
     ordered = sorted(rows, key=lambda row: row.rollouts[0])
-    title = f"{board}: {BOARDS[board].title}, {rows[0].task}, budget {rows[0].budget} rollouts"
+    most = BOARDS[board].most_failures
+    allowed = f", solved with at most {most:.0%} failures" if most else ""
+    title = (
+        f"{board}: {BOARDS[board].title}, {rows[0].task}, budget {rows[0].budget} rollouts{allowed}"
+    )
     return TextTable(title, HEADER, tuple(_cells(row) for row in ordered))
 
 
@@ -55,12 +62,15 @@ def _cells(row: Row) -> tuple[Cell, ...]:
         (f"{row.solved}/{n}", ""),
         _with_interval(row.rollouts, ".1f"),
         _with_interval(row.reward, ".4f"),
+        (NOT_APPLICABLE, "")
+        if row.failure_rate is None
+        else _with_interval(tuple(100 * rate for rate in row.failure_rate), ".1f"),
         (sees or NOT_APPLICABLE, ""),
         (commit[:10] + ("*" if row.provenance.dirty else ""), ""),
     )
 
 
-def _with_interval(values: Interval, form: str) -> Cell:
+def _with_interval(values: Sequence[float], form: str) -> Cell:
     mean, low, high = (f"{value:{form}}".replace("inf", "∞") for value in values)
     return mean, f"[{low},{high}]"
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -22,9 +23,12 @@ from results.harness.specification import RunSpecification, plain
 from results.leaderboard.boards import BOARDS, Board
 from results.leaderboard.files import digest, read_row
 from results.leaderboard.rows import Claim, Evidence, Row
+from results.stream.evaluation import N_KEPT
+from results.stream.protocol import Stream
 
 #: of a reward, relative to it or to 1, where CPU or libraries differ from those of the row
 TOLERANCE = 1e-6
+Runs = dict[tuple[int, str, int | None], RunSpecification]
 DECIDES_REWARDS = ("mujoco", "numpy")  # and nothing else that is installed
 
 
@@ -78,7 +82,7 @@ def comparison(row: Row) -> tuple[str, float]:
     return "bitwise", 0.0
 
 
-def _runs(row: Row, board: Board) -> dict[tuple[int, str, int | None], RunSpecification]:
+def _runs(row: Row, board: Board) -> Runs:
     chosen = board.runs(row.board, [row.label])
     return {(run.seed, run.variant, run.protocol.number): run for run in chosen}
 
@@ -107,12 +111,33 @@ def _about_files(
     if set(keys) != set(runs):
         odd = set(keys) ^ set(runs)
         yield f"its runs are not those of the board; they differ in (seed, variant, target) {odd}"
+    yield from _about_claims(row, evidence, runs, boards[row.board])
+
+
+def _about_claims(row: Row, evidence: Evidence, runs: Runs, board: Board) -> Iterator[str]:
+    """Yield what in a row's claims contradicts itself, or the trajectories beside them."""
     n_solving = sum(claim.solving_reward is not None for claim in row.claims)
-    if not len(keys) == len(evidence.contexts) == len(evidence.final):
-        yield f"{len(keys)} claims stand beside {len(evidence.final)} trajectories"
+    if not len(row.claims) == len(evidence.contexts) == len(evidence.final):
+        yield f"{len(row.claims)} claims stand beside {len(evidence.final)} trajectories"
     if n_solving != len(evidence.solving):
         yield f"{n_solving} solved claims stand beside {len(evidence.solving)} trajectories"
-    yield from (text for claim in row.claims for text in _about_claim(claim, row.budget))
+    if evidence.final.ndim != (4 if _over_many(runs) else 3):
+        yield f"its trajectories have the shape {evidence.final.shape}"
+        return
+    for claim in row.claims:
+        yield from _about_claim(claim, row.budget)
+        if _over_many(runs):
+            yield from _about_claim_over_many(claim, board)
+        elif (claim.solving_reward is not None) != claim.success:
+            yield (
+                f"run {claim.key} says success {claim.success}, but has no trajectory that tells "
+                "since when"
+            )
+
+
+def _over_many(runs: Runs) -> bool:
+    """Tell whether a row's runs are over many contexts each."""
+    return isinstance(next(iter(runs.values())).protocol, Stream)
 
 
 def _about_claim(claim: Claim, budget: int) -> Iterator[str]:
@@ -120,15 +145,34 @@ def _about_claim(claim: Claim, budget: int) -> Iterator[str]:
     where = f"run {claim.key}"
     if (claim.rollouts is not None) != claim.success:
         yield f"{where} says success {claim.success}, but rollouts to success {claim.rollouts}"
-    if (claim.solving_reward is not None) != claim.success:
-        yield f"{where} says success {claim.success}, but has no trajectory that tells since when"
     if claim.rollouts is not None and not 0 <= claim.rollouts <= budget:
         yield f"{where} took {claim.rollouts} rollouts of {budget}"
 
 
-def _about_contexts(
-    row: Row, evidence: Evidence, runs: dict[tuple[int, str, int | None], RunSpecification]
-) -> Iterator[str]:
+def _about_claim_over_many(claim: Claim, board: Board) -> Iterator[str]:
+    """Yield what contradicts itself in a claim over many contexts."""
+    where, rate = f"run {claim.key}", claim.failure_rate
+    stream = cast(Stream, board.recipe.protocols[0])
+    if rate is None or len(claim.kept_rewards) != N_KEPT:
+        yield f"{where} tells {len(claim.kept_rewards)} rewards, and {N_KEPT} contexts are kept"
+        return
+    if claim.success != (rate <= board.most_failures):
+        yield (
+            f"{where} says success {claim.success}, but {rate:.1%} fail, and "
+            f"{board.most_failures:.1%} may"
+        )
+    n_failures = rate * stream.n_test
+    n_others = stream.n_test - N_KEPT
+    if not -0.5 < n_failures - claim.n_kept_failures < n_others + 0.5:
+        yield (
+            f"{where} says that {rate:.1%} of {stream.n_test} contexts fail, but "
+            f"{claim.n_kept_failures} of the {N_KEPT} kept ones do"
+        )
+    if claim.reward != float(np.mean(claim.kept_rewards)):
+        yield f"{where} says reward {claim.reward!r}, which is not the mean of the kept ones"
+
+
+def _about_contexts(row: Row, evidence: Evidence, runs: Runs) -> Iterator[str]:
     """Yield runs whose context is not the one that their seed gives."""
     for claim, stored in zip(row.claims, evidence.contexts, strict=True):
         wanted = context_of(runs[claim.key])
@@ -137,12 +181,20 @@ def _about_contexts(
 
 
 def context_of(run: RunSpecification) -> np.ndarray:
-    """Return the one context of a run, shape (C,), in single precision.
+    """Return the one context of a run, shape (C,), or the kept ones of many, shape (K, C).
 
-    :param run: of a protocol in one context
+    In single precision, as records keep them.
+
+    :param run: of a protocol in one context, or of a stream
     """
     task = RunTask(run.task, run.seed, run.budget, settings=run.task_settings)
-    return np.asarray(run.protocol.context(task), np.float32)
+    protocol = run.protocol
+    found = (
+        protocol.test_contexts(task.task)[:N_KEPT]
+        if isinstance(protocol, Stream)
+        else protocol.context(task)
+    )
+    return np.asarray(found, np.float32)
 
 
 @lru_cache(maxsize=16)
@@ -153,10 +205,13 @@ def _simulator(task_id: str, settings: str) -> Task:
 def _about_rewards(
     row: Row,
     evidence: Evidence,
-    runs: dict[tuple[int, str, int | None], RunSpecification],
+    runs: Runs,
     tolerance: float,
 ) -> Iterator[str]:
     """Yield trajectories that do not earn what is claimed."""
+    if _over_many(runs):
+        yield from _about_rewards_over_many(row, evidence, runs, tolerance)
+        return
     solved = [i for i, claim in enumerate(row.claims) if claim.solving_reward is not None]
     batches = (("final", range(len(row.claims))), ("solving", solved))
     for name, indices in batches:
@@ -172,3 +227,26 @@ def _about_rewards(
                 yield f"run {claim.key}: the {name} trajectory earns {reward!r}, not {said!r}"
             if success != (claim.success or name == "solving"):
                 yield f"run {claim.key}: the {name} trajectory {'succeeds' if success else 'fails'}"
+
+
+def _about_rewards_over_many(
+    row: Row, evidence: Evidence, runs: Runs, tolerance: float
+) -> Iterator[str]:
+    """Yield runs whose kept trajectories do not earn what is claimed."""
+    for claim, contexts, final in zip(row.claims, evidence.contexts, evidence.final, strict=True):
+        run = runs[claim.key]
+        task = _simulator(run.task, json.dumps(plain(run.task_settings), sort_keys=True))
+        again = task.simulate(contexts, final)
+        said = np.array(claim.kept_rewards)
+        wrong = np.abs(again.rewards - said) > tolerance * np.maximum(1.0, np.abs(said))
+        for place in np.flatnonzero(wrong):
+            yield (
+                f"run {claim.key}: the trajectory in kept context {place} earns "
+                f"{float(again.rewards[place])!r}, not {claim.kept_rewards[place]!r}"
+            )
+        n_failures = int(np.sum(~again.successes))
+        if n_failures != claim.n_kept_failures:
+            yield (
+                f"run {claim.key}: {n_failures} of the kept trajectories fail, not "
+                f"{claim.n_kept_failures}"
+            )

@@ -1,17 +1,20 @@
 """The learning curve of a run on a stream of contexts: how many unseen contexts fail."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmark_envs import Task
 from results.harness.evaluation import Evaluation
+from results.harness.greedy import exact
 from results.harness.records import Measurements
 
 N_BY_ROLLOUTS = 24  # evaluations at counts of rollouts, evenly on a logarithmic scale
 N_BY_CONTEXTS = 20  # and at counts of contexts, evenly
 FIRST_ROLLOUTS = 20
+N_KEPT = 25  # held-out contexts whose last answers records keep
 
 
 class StreamEvaluation(Evaluation):
@@ -56,6 +59,7 @@ class StreamEvaluation(Evaluation):
         self.exhausted = False
         self.own: dict[str, float] | None = None
         self._greedy = np.empty(0, np.float32)
+        self._kept: dict[str, Any] = {}
         self._due_rollouts, self._due_contexts = schedule(budget, n_contexts, n_evaluations)
 
     def measured(self) -> Measurements:
@@ -64,11 +68,13 @@ class StreamEvaluation(Evaluation):
         ``exhausted`` tells whether the run ended because it asked for more contexts. ``own`` has
         the ``failure_rate`` of the model's own answers, and ``remembered``, the share of held-out
         contexts in which the greedy answer was another one; it is None where there is no model.
+        ``kept`` has the first ``N_KEPT`` held-out contexts with their last greedy trajectories in
+        single precision, their rewards and successes: who simulates them gets the same bits.
         """
         names = ("rollouts", "contexts", "failure_rate", "mean_reward")
         visits = {"rollouts": list(self.tried.values()), "exhausted": self.exhausted}
         curve = {name: [row[name] for row in self.rows] for name in names}
-        return Measurements(curve, more={"contexts": visits, "own": self.own})
+        return Measurements(curve, more={"contexts": visits, "own": self.own, "kept": self._kept})
 
     def _on_step(self) -> bool:
         for info in self.locals["infos"]:
@@ -116,6 +122,12 @@ class StreamEvaluation(Evaluation):
             )
             self._greedy = np.asarray(action)
             rollouts = self.task.simulate(self.test_contexts, self._greedy)
+        self._kept = {
+            "contexts": exact(self.test_contexts[:N_KEPT]),
+            "trajectories": exact(self._greedy[:N_KEPT]),
+            "rewards": rollouts.rewards[:N_KEPT].tolist(),
+            "successes": rollouts.successes[:N_KEPT].tolist(),
+        }
         self.rows.append(
             {
                 "rollouts": self.num_timesteps,
