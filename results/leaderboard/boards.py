@@ -69,16 +69,26 @@ _BEYOND = tuple(LeaveOneOut(target, extrapolation=True) for target in EXTRAPOLAT
 _THROUGH = ("RC-NMP", "GA", "GA, judged", "CMA-ES", "REPS")
 _POINTS = ("3 points", "6 points")
 
+#: rows of suites that take an algorithm apart, or whose settings nobody but its authors sought
+_ABLATIONS = {
+    "ACNMP, one start",
+    "twin, all starts",
+    "twin, quadratic",
+    "ACNMP, hand-tuned",
+    "twin, nearest, hand-tuned",
+    "CMA-ES residual",
+}
+
 
 def _equal(suite: str, recipe: Recipe, budget: int) -> Recipe:
-    """Return a suite's recipe with one budget for all, and with the rows that its studies tuned.
+    """Return a suite's recipe with one budget, without ablations, with what its studies tuned.
 
     :param suite: its name
     :param recipe: what it is made of
     :param budget: rollouts of a run
     """
     rows = {**recipe.algorithms, **tuned_rows(suite, recipe)}
-    same = {label: replace(algorithm, budget=None) for label, algorithm in rows.items()}
+    same = {label: replace(rows[label], budget=None) for label in rows if label not in _ABLATIONS}
     return replace(recipe, algorithms=same, budget=budget, published=None)
 
 
