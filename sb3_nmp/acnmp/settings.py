@@ -98,7 +98,7 @@ class ACNMPAdaptation(Presets):
     temperature: float = 1.5
     reward_weight: float = 100.0
     supervised: bool = True
-    n_training_steps: int = 50
+    n_training_steps: int = 20
     n_assimilation_steps: int = 50
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
