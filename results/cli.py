@@ -12,7 +12,7 @@ from results.leaderboard.commands import add_leaderboard
 from results.output_commands import add_export, add_import, add_render
 from results.suites import check_suite, describe_suites
 from results.thesis import NAMES, TABLES, describe
-from results.tuning.commands import add_tune
+from results.tune import add_tune
 from results.web_page import add_report
 
 if TYPE_CHECKING:  # the command line answers at once: what is slow to import waits
