@@ -127,7 +127,12 @@ class MujocoTask(Task):
         )
 
     def frames(
-        self, context: ArrayLike, trajectory: ArrayLike, width: int = 480, height: int = 360
+        self,
+        context: ArrayLike,
+        trajectory: ArrayLike,
+        width: int = 480,
+        height: int = 360,
+        camera: str | None = None,
     ) -> list[NDArray[np.uint8]]:
         """Run one rollout and draw a picture every ``frame_every`` time points.
 
@@ -135,8 +140,10 @@ class MujocoTask(Task):
         :param trajectory: shape (T, D)
         :param width: of the picture, in pixels
         :param height: of the picture, in pixels
+        :param camera: its name in the model; by default the task's ``camera``
         :return: pictures of shape (height, width, 3)
         :raises RenderingUnavailableError: no off-screen renderer on this machine
+        :raises TaskError: no such camera, or a picture of no size
         """
         contexts = self.check_context(context)[None]
         followed = self._follow(self.check_trajectories(trajectory))
@@ -145,7 +152,7 @@ class MujocoTask(Task):
         states = self.executor.states(begin, controls, model)
         shown = np.arange(self.frame_every - 1, len(states), self.frame_every).astype(int)
         model, drawn = self._drawn(contexts[0], states[shown])
-        return draw(model, drawn, self.camera, width, height)
+        return draw(model, drawn, camera or self.camera, width, height)
 
     def first_frame(
         self, context: ArrayLike, width: int = 480, height: int = 360

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark_envs.exceptions import RenderingUnavailableError
+from benchmark_envs.exceptions import RenderingUnavailableError, TaskError
 from benchmark_envs.rollouts import FloatArray
 
 
@@ -22,7 +22,9 @@ def draw(
     :param height: of the picture, in pixels
     :return: K pictures of shape (height, width, 3)
     :raises RenderingUnavailableError: no off-screen renderer on this machine
+    :raises TaskError: no such camera, or a picture of no size or larger than the model's buffer
     """
+    _check(model, camera, width, height)
     if _lacks_display():  # GLFW's half-made window would raise errors until Python ends
         raise _unavailable("there is no display")
     try:
@@ -38,6 +40,18 @@ def draw(
             renderer.update_scene(data, camera)
             pictures.append(renderer.render().copy())
     return pictures
+
+
+def _check(model: mujoco.MjModel, camera: str, width: int, height: int) -> None:
+    names = [model.camera(i).name for i in range(model.ncam)]
+    if camera not in names:
+        raise TaskError(f"no camera '{camera}'; there are {', '.join(names)}.")
+    most = (model.vis.global_.offwidth, model.vis.global_.offheight)
+    if not (0 < width <= most[0] and 0 < height <= most[1]):
+        raise TaskError(
+            f"a picture of {width} x {height} pixels cannot be drawn; each side must be at least "
+            f"1, and at most {most[0]} x {most[1]}."
+        )
 
 
 def _lacks_display() -> bool:

@@ -205,7 +205,12 @@ class Task(ABC):
         """
 
     def frames(
-        self, context: ArrayLike, trajectory: ArrayLike, width: int = 480, height: int = 360
+        self,
+        context: ArrayLike,
+        trajectory: ArrayLike,
+        width: int = 480,
+        height: int = 360,
+        camera: str | None = None,
     ) -> list[NDArray[np.uint8]]:
         """Run one rollout and draw it.
 
@@ -215,6 +220,7 @@ class Task(ABC):
         :param trajectory: shape (T, D)
         :param width: of the picture, in pixels
         :param height: of the picture, in pixels
+        :param camera: by name, where the task has several; None takes the usual one
         :return: pictures of shape (height, width, 3)
         :raises RenderingUnavailableError: no off-screen renderer, or a task that cannot be drawn
         """

@@ -53,7 +53,7 @@ def _export_trajectory(
     request: RenderRequest, out: Path, names: Sequence[str] | None, limits: MotionLimits | None
 ) -> None:
     task = make_task(request.task)
-    context, trajectory = chosen_rollout(request)
+    _, context, trajectory = chosen_rollout(request)
     n_dimensions = np.shape(trajectory)[1]
     if names is not None and len(names) != n_dimensions:
         raise BenchmarkError(f"--names has {len(names)} names; {n_dimensions} are needed.")

@@ -17,6 +17,15 @@ def add_render(parser: argparse.ArgumentParser) -> None:
     parser.description = "Draw one rollout as .gif, .mp4 or, as a sheet of pictures, .png."
     parser.set_defaults(command=render)
     _add_source(parser)
+    parser.add_argument("--camera", metavar="NAME", help="of the task's model (default: its own)")
+    parser.add_argument(
+        "--size", type=_size, default=(480, 360), metavar="WxH",
+        help="of a picture, in pixels (default: 480x360)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--speed", type=float, default=1.0, metavar="FACTOR",
+        help="of a film; a factor other than 1 is written on it (default: %(default)s)",
+    )  # fmt: skip
 
 
 def add_export(parser: argparse.ArgumentParser) -> None:
@@ -38,6 +47,14 @@ def add_export(parser: argparse.ArgumentParser) -> None:
         )  # fmt: skip
 
 
+def _size(text: str) -> tuple[int, int]:
+    """Return width and height of ``"640x480"``."""
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise argparse.ArgumentTypeError(f"'{text}' is no size; write it like 640x480")
+    return int(width), int(height)
+
+
 def _add_source(parser: argparse.ArgumentParser) -> None:
     """Let a command be told whose rollout is meant, and where to write it."""
     parser.add_argument("task", metavar="TASK", help="such as nmp/Bottles-v0")
@@ -48,6 +65,9 @@ def _add_source(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--algorithm", default="rcnmp", help="of the model (default: %(default)s)")
     add_import(parser)
     parser.add_argument("--seed", type=int, default=0, help="of the context, where it is drawn")
+    parser.add_argument(
+        "--context", nargs="+", type=float, metavar="NUMBER", help="instead of a drawn one"
+    )
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="what to write")
 
 
@@ -67,9 +87,10 @@ def render(options: argparse.Namespace) -> int:
 
     :param options: the parsed arguments
     """
-    from results.render import render_rollout
+    from results.render import Look, render_rollout
 
-    return _write(options, render_rollout)
+    look = Look(options.camera, options.size, options.speed)
+    return _write(options, lambda request, out: render_rollout(request, out, look))
 
 
 def _write(options: argparse.Namespace, write: Callable[["RenderRequest", Path], None]) -> int:
@@ -79,7 +100,8 @@ def _write(options: argparse.Namespace, write: Callable[["RenderRequest", Path],
 
     o = options
     bring_in(o.imports, o.task)
-    write(RenderRequest(o.task, o.model, o.run, o.expert, o.algorithm, o.seed), o.out)
+    context = None if o.context is None else tuple(o.context)
+    write(RenderRequest(o.task, o.model, o.run, o.expert, o.algorithm, o.seed, context), o.out)
     print(f"Written: {o.out}")
     return 0
 

@@ -4,19 +4,20 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark_envs import make_task
+from benchmark_envs import Task, make_task
 from results.exceptions import BenchmarkError
 from results.harness.record_files import read_record
 from results.outside import find_algorithm
+from results.rollout_sheet import save_sheet
 from sb3_nmp import FileFormatError, TrajectoryAlgorithm
 
 ENDINGS = (".gif", ".mp4", ".png")
-SHEET = (2, 4)  # rows and columns of pictures
-GAP = 6  # pixels of white between them
+SIZE = (480, 360)  # pixels
+FASTEST = 50.0  # pictures in a second of a film: more cannot be told apart, and .gif has no more
+MARGIN = 8  # pixels from the corner to what is written there
 
 Frames = list[NDArray[np.uint8]]
 
@@ -31,6 +32,7 @@ class RenderRequest:
     :param expert: mode of the task's scripted expert
     :param algorithm: name of the model's class
     :param seed: of the context, where the task draws it
+    :param context: shape (C,), instead of a drawn one
     """
 
     task: str
@@ -39,43 +41,73 @@ class RenderRequest:
     expert: str | None = None
     algorithm: str = "rcnmp"
     seed: int = 0
+    context: tuple[float, ...] | None = None
 
 
-def render_rollout(request: RenderRequest, out: Path) -> None:
+@dataclass(frozen=True)
+class Look:
+    """How a rollout is drawn.
+
+    :param camera: by its name in the task's model; None takes the task's own
+    :param size: width and height of a picture, in pixels
+    :param speed: of a film, 1 is that of the rollout; another factor is written on the pictures
+    :raises BenchmarkError: a speed that is not positive
+    """
+
+    camera: str | None = None
+    size: tuple[int, int] = SIZE
+    speed: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check the speed."""
+        if not (np.isfinite(self.speed) and self.speed > 0):
+            raise BenchmarkError(
+                f"--speed is {self.speed}; it must be > 0: 1 is as fast as the rollout, 0.5 half."
+            )
+
+
+def render_rollout(request: RenderRequest, out: Path, look: Look = Look()) -> None:
     """Draw a rollout into a file.
 
     :param request: whose
     :param out: ends in .gif, .mp4 or .png
+    :param look: of the pictures
     :raises BenchmarkError: another ending, or no such model
+    :raises TaskError: no such camera, or a context outside the task's space
     """
     if out.suffix not in ENDINGS:
         raise BenchmarkError(f"--out is '{out}'; its ending must be one of {', '.join(ENDINGS)}.")
-    context, trajectory = chosen_rollout(request)
-    env = gym.make(request.task, render_mode="rgb_array_list", context=context)
-    env.reset(seed=request.seed)
-    env.step(trajectory)
-    frames: Frames = env.render()  # type: ignore[assignment]
-    env.close()
+    task, context, trajectory = chosen_rollout(request)
+    width, height = look.size
+    named = {} if look.camera is None else {"camera": look.camera}
+    frames = task.frames(context, trajectory, width, height, **named)
     out.parent.mkdir(parents=True, exist_ok=True)
-    write_frames(frames, out, env.metadata["render_fps"])
+    if out.suffix == ".png":
+        save_sheet(frames, task, task.simulate(context, trajectory), out)
+    else:
+        write_film(frames, out, task.frames_per_second, look.speed)
 
 
-def chosen_rollout(request: RenderRequest) -> tuple[np.ndarray, np.ndarray]:
-    """Return the context, shape (C,), and the trajectory, shape (T, D).
+def chosen_rollout(request: RenderRequest) -> tuple[Task, np.ndarray, np.ndarray]:
+    """Return the task, the context, shape (C,), and the trajectory, shape (T, D).
 
     :param request: whose
     :raises BenchmarkError: no such model, or the run is of another task
     """
     if request.run is not None:
-        return rollout_of_run(request.run, request.task)
+        return rollout_of_run(request.run, request)
     if request.seed < 0:
         raise BenchmarkError(f"--seed is {request.seed}; it must be 0 or more.")
     task = make_task(request.task)
-    context = task.sample_context(np.random.default_rng(request.seed))
+    context = (
+        task.sample_context(np.random.default_rng(request.seed))
+        if request.context is None
+        else task.check_context(request.context)
+    )
     if request.model is None:
-        return context, _float32(task.demonstrate(context, request.expert))
+        return task, context, _float32(task.demonstrate(context, request.expert))
     action, _ = load_model(request).predict(_float32(context), deterministic=True)
-    return context, action
+    return task, context, action
 
 
 def load_model(request: RenderRequest) -> TrajectoryAlgorithm:
@@ -97,18 +129,20 @@ def load_model(request: RenderRequest) -> TrajectoryAlgorithm:
         ) from error
 
 
-def rollout_of_run(path: Path, task: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return context (C,) and trajectory (T, D) of a run's last greedy rollout.
+def rollout_of_run(path: Path, request: RenderRequest) -> tuple[Task, np.ndarray, np.ndarray]:
+    """Return the task, context (C,) and trajectory (T, D) of a run's last greedy rollout.
 
     :param path: of the run's file
-    :param task: its task's id
-    :raises BenchmarkError: a failed run, one of another task, or one over many contexts
+    :param request: which names the task
+    :raises BenchmarkError: a failed run, one of another task, one over many contexts, or a context
+        besides the run's own
     """
     record = read_record(path)
-    if not record.finished or record.specification.task != task:
+    asked = record.specification
+    if not record.finished or asked.task != request.task:
         raise BenchmarkError(
-            f"'{path}' is a {record.outcome} run on {record.specification.task}; a finished one on "
-            f"{task} is needed."
+            f"'{path}' is a {record.outcome} run on {asked.task}; a finished one on "
+            f"{request.task} is needed."
         )
     context, rollout = record.measured.context, record.measured.rollouts.get("greedy")
     if context is None or rollout is None:
@@ -116,49 +150,57 @@ def rollout_of_run(path: Path, task: str) -> tuple[np.ndarray, np.ndarray]:
             f"'{path}' holds no rollout, because it is a run over many contexts; give one in a "
             "single context, or a model (--model)."
         )
-    return np.array(context.values), _float32(rollout.trajectory)
+    if request.context is not None:
+        raise BenchmarkError(
+            f"--context does not go with --run: '{path}' has a rollout in its own context alone."
+        )
+    task = make_task(asked.task, **asked.task_settings)
+    return task, np.array(context.values), _float32(rollout.trajectory)
 
 
-def write_frames(frames: Frames, out: Path, per_second: float) -> None:
-    """Write a film, or a sheet of evenly spaced pictures.
+def write_film(frames: Frames, out: Path, per_second: float, speed: float = 1.0) -> None:
+    """Write a film.
 
     :param frames: pictures of shape (H, W, 3)
-    :param out: its ending, one of `ENDINGS`, tells which
-    :param per_second: pictures in a second of the film
+    :param out: ends in .gif or .mp4
+    :param per_second: pictures in a second of the rollout
+    :param speed: of the film, in that of the rollout; a factor other than 1 is written on it
     :raises BenchmarkError: the package for .mp4 is not installed
     """
     from PIL import Image
 
+    stride = int(np.ceil(per_second * speed / FASTEST))
+    rate = per_second * speed / stride
+    shown = [_with_speed(frame, speed) for frame in frames[::stride]]
     if out.suffix == ".gif":
-        first, *rest = [Image.fromarray(frame) for frame in frames]
-        milliseconds = round(1000 / per_second)
-        first.save(out, save_all=True, append_images=rest, duration=milliseconds, loop=0)
-    elif out.suffix == ".png":
-        Image.fromarray(sheet_of(frames)).save(out)
-    else:
-        try:
-            imageio = import_module("imageio.v3")
-            import_module("imageio_ffmpeg")
-        except ImportError as error:
-            raise BenchmarkError(
-                f"'{out}' needs imageio and ffmpeg: pip install 'sb3-nmp[video]', or write a .gif "
-                "or .png."
-            ) from error
-        options = {"fps": per_second, "macro_block_size": 8}  # 360 rows stay 360
-        imageio.imwrite(out, np.stack(frames), plugin="FFMPEG", **options)
+        first, *rest = [Image.fromarray(frame) for frame in shown]
+        first.save(out, save_all=True, append_images=rest, duration=round(1000 / rate), loop=0)
+        return
+    try:
+        imageio = import_module("imageio.v3")
+        import_module("imageio_ffmpeg")
+    except ImportError as error:
+        raise BenchmarkError(
+            f"'{out}' needs imageio and ffmpeg: pip install 'sb3-nmp[video]', or write a .gif "
+            "or .png."
+        ) from error
+    options = {"fps": rate, "macro_block_size": 8}  # 360 rows stay 360
+    imageio.imwrite(out, np.stack(shown), plugin="FFMPEG", **options)
 
 
-def sheet_of(frames: Frames) -> NDArray[np.uint8]:
-    """Return evenly spaced pictures as one, `SHEET` rows and columns.
+def _with_speed(frame: NDArray[np.uint8], speed: float) -> NDArray[np.uint8]:
+    """Return a picture with the film's speed in its corner, where that is not the rollout's."""
+    if speed == 1.0:
+        return frame
+    from PIL import Image, ImageDraw
 
-    :param frames: pictures of shape (H, W, 3)
-    """
-    rows, columns = SHEET
-    chosen = np.linspace(0, len(frames) - 1, rows * columns).round().astype(int)
-    margins = ((0, 0), (0, GAP), (0, GAP), (0, 0))
-    spaced = np.pad(np.array([frames[i] for i in chosen]), margins, constant_values=255)
-    sheet = np.vstack([np.hstack(list(line)) for line in np.split(spaced, rows)])
-    return sheet[:-GAP, :-GAP]
+    picture = Image.fromarray(frame)
+    font_size = max(12, frame.shape[0] // 16)
+    ImageDraw.Draw(picture).text(
+        (MARGIN, MARGIN), f"{speed:g}x speed", "black", font_size=font_size,
+        stroke_width=2, stroke_fill="white",
+    )  # fmt: skip
+    return np.asarray(picture)
 
 
 def _float32(values: object) -> NDArray[np.float32]:

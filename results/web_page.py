@@ -134,15 +134,14 @@ def _rollouts(done: "Sequence[RunRecord]", folder: Path) -> "list[Picture]":
 def _sheet(record: "RunRecord") -> bytes:
     """Return a sheet of pictures of a run's last greedy rollout, as PNG."""
     import numpy as np
-    from PIL import Image
 
     from benchmark_envs import make_task
-    from results.render import sheet_of
+    from results.rollout_sheet import save_sheet
 
-    asked, context = record.specification, record.measured.context
+    asked, known = record.specification, record.measured.context
     task = make_task(asked.task, n_threads=1, **asked.task_settings)
+    context = () if known is None else known.values
     trajectory = np.asarray(record.measured.rollouts["greedy"].trajectory, np.float32)
-    frames = task.frames(() if context is None else context.values, trajectory)
-    buffer = io.BytesIO()
-    Image.fromarray(sheet_of(frames)).save(buffer, "PNG", optimize=True)
+    frames, buffer = task.frames(context, trajectory), io.BytesIO()
+    save_sheet(frames, task, task.simulate(context, trajectory), buffer)
     return buffer.getvalue()

@@ -8,6 +8,7 @@ from matplotlib.image import imread
 from PIL import Image
 from rich.console import Console
 
+from benchmark_envs import RenderingUnavailableError, TaskError, make_task
 from results.cli import main
 from results.exceptions import BenchmarkError
 from results.harness.record_files import read_records
@@ -18,8 +19,9 @@ from results.one_context.figures import enlarged_limits, learning_curves
 from results.one_context.protocol import OneContext
 from results.one_context.summary import frame
 from results.one_context.tables import tables
-from results.render import GAP, RenderRequest, chosen_rollout, write_frames
+from results.render import Look, RenderRequest, chosen_rollout, render_rollout, write_film
 from results.report.frames import curves_frame
+from results.rollout_sheet import told
 from results.suites import describe_suites, find_recipe, suite_names
 from sb3_nmp.common.noise import SmoothNoise
 from tests.results_fakes import suite_of
@@ -123,23 +125,57 @@ def test_enlarged_panel_shows_the_solved_runs():
     assert -0.2 < low < -0.13 < high < -0.1
 
 
-def test_pictures_of_a_rollout_become_a_film_or_a_sheet(tmp_path: Path):
-    frames = [np.full((30, 40, 3), 5 * i, np.uint8) for i in range(50)]
-    write_frames(frames, tmp_path / "film.gif", 8.0)
-    write_frames(frames, tmp_path / "sheet.png", 8.0)
-    assert imread(tmp_path / "sheet.png").shape[:2] == (60 + GAP, 160 + 3 * GAP)
-    with Image.open(tmp_path / "film.gif") as film:
-        assert getattr(film, "n_frames", 1) == 50
-        assert film.info["duration"] == pytest.approx(125, abs=5)  # ms
+def test_a_film_is_as_fast_as_the_rollout_or_says_its_speed(tmp_path: Path):
+    frames = [np.full((120, 160, 3), 5 * i, np.uint8) for i in range(50)]
+    asked = {1.0: (50, 125), 0.5: (50, 250), 10.0: (25, 25)}  # pictures, and ms from one to another
+    for speed, (n_pictures, milliseconds) in asked.items():
+        write_film(frames, tmp_path / "film.gif", 8.0, speed)
+        with Image.open(tmp_path / "film.gif") as film:
+            assert getattr(film, "n_frames", 1) == n_pictures
+            assert film.info["duration"] == pytest.approx(milliseconds, abs=5)
+            corner = np.asarray(film.convert("RGB"))[:40, :120]
+            assert (np.ptp(corner) > 0) == (speed != 1.0)
+
+
+def test_a_rollout_is_drawn_as_asked_from_any_camera(tmp_path: Path):
+    expert = RenderRequest("nmp/Bottles-v0", expert="s")
+    try:
+        render_rollout(expert, tmp_path / "film.gif", Look("top", (64, 48)))
+    except RenderingUnavailableError as error:
+        pytest.skip(str(error))
+    render_rollout(expert, tmp_path / "usual.gif", Look(size=(64, 48)))
+    with Image.open(tmp_path / "film.gif") as top, Image.open(tmp_path / "usual.gif") as usual:
+        assert top.size == (64, 48)
+        assert np.any(np.asarray(top.convert("RGB")) != np.asarray(usual.convert("RGB")))
+    render_rollout(expert, tmp_path / "sheet.png", Look(size=(160, 120)))
+    height, width = imread(tmp_path / "sheet.png").shape[:2]
+    assert width > 1000 and height > 600
+    with pytest.raises(TaskError, match="no camera 'side'; there are overview, top"):
+        render_rollout(expert, tmp_path / "film.gif", Look("side"))
+    with pytest.raises(TaskError, match="5000 x 48 pixels cannot be drawn"):
+        render_rollout(expert, tmp_path / "film.gif", Look(size=(5000, 48)))
+
+
+def test_a_sheet_tells_context_and_outcome():
+    task = make_task("nmp/Push-v0")
+    context = task.sample_context(np.random.default_rng(0))
+    still = task.simulate(context, task.initial_trajectory(context))
+    assert told(task, still).startswith("target x [m] = ")
+    assert "no success, reward -" in told(task, still)
 
 
 def test_a_run_can_be_rendered_from_its_file(folder: Path):
     run = next(folder.glob("hill_*.json"))
-    context, trajectory = chosen_rollout(RenderRequest("nmp/Bottles-v0", run=run))
+    _, context, trajectory = chosen_rollout(RenderRequest("nmp/Bottles-v0", run=run))
     assert context.shape == (4,) and trajectory.shape == (200, 2)
     with pytest.raises(BenchmarkError, match="a failed run"):
         failed = next(folder.glob("broken_*.failed.json"))
         chosen_rollout(RenderRequest("nmp/Bottles-v0", run=failed))
+    with pytest.raises(BenchmarkError, match="--context does not go with --run"):
+        chosen_rollout(RenderRequest("nmp/Bottles-v0", run=run, context=(0.0,)))
+
+
+BOTTLES = ["nmp/Bottles-v0", "--expert", "s", "--out", "x.gif"]
 
 
 @pytest.mark.parametrize(
@@ -164,6 +200,8 @@ def test_a_run_can_be_rendered_from_its_file(folder: Path):
         (["render", "nmp/Bottles-v0", "--expert", "s", "--out", "x.jpg"], ".gif, .mp4, .png"),
         (["render", "nmp/Bottles-v0", "--expert", "z", "--out", "x.gif"], "s, reverse_s"),
         (["render", "nmp/Bottle-v0", "--expert", "s", "--out", "x.gif"], "nmp/Bottles-v0"),
+        (["render", *BOTTLES, "--speed", "0"], "--speed is 0.0; it must be > 0"),
+        (["render", *BOTTLES, "--context", "1", "2"], "shape"),
     ],
 )
 def test_wrong_usage_is_told_in_one_line(

@@ -11,6 +11,7 @@ from results.adaptation.protocol import LeaveOneOut
 from results.exceptions import BenchmarkError
 from results.harness.specification import RunSpecification
 from results.harness.suite import Recipe, make_suite
+from results.stream.protocol import Stream
 from results.suites import (
     aperture,
     pick_and_place,
@@ -119,7 +120,7 @@ BOARDS = {
     ),
     "random-bottles": Board(
         "between two bottles wherever they stand, from nothing",
-        replace(random_bottles.RECIPE, budget=500),
+        replace(random_bottles.RECIPE, budget=500, protocols=(Stream(0, 10_000, 300, 16),)),
         tuple(range(300, 310)),
         n_checked=2,
         most_failures=0.02,
