@@ -20,6 +20,7 @@ from results.one_context.protocol import OneContext
 from results.one_context.summary import frame
 from results.one_context.tables import tables
 from results.render import Look, RenderRequest, chosen_rollout, render_rollout, write_film
+from results.report.figure_style import line_style
 from results.report.frames import curves_frame
 from results.rollout_sheet import told
 from results.suites import describe_suites, find_recipe, suite_names
@@ -123,6 +124,18 @@ def test_enlarged_panel_shows_the_solved_runs():
     )
     low, high = enlarged_limits(curves)
     assert -0.2 < low < -0.13 < high < -0.1
+
+
+def test_an_algorithm_has_one_colour_in_all_figures_and_no_other_one_its_line():
+    styles = {}
+    for name in set(suite_names()) - {"fakes"}:
+        labels = list(find_recipe(name).algorithms)
+        styles[name] = {label: line_style(label, labels) for label in labels}
+        looks = {tuple(map(str, style.values())) for style in styles[name].values()}
+        assert len(looks) == len(labels), name
+    for label in ("RC-NMP", "REPS", "GA", "ACNMP", "twin, nearest", "CMA-ES context"):
+        found = {each[label]["color"] for each in styles.values() if label in each}
+        assert len(found) == 1, label
 
 
 def test_a_film_is_as_fast_as_the_rollout_or_says_its_speed(tmp_path: Path):

@@ -10,24 +10,62 @@ from matplotlib.ticker import ScalarFormatter
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart, without its yellow; with the
 # line styles, also in print without colour.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE, BLACK = COLOURS = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#56B4E9",
+    "#E69F00",
+    "#000000",
+)
 LINES = ("-", "--", "-.", (0, (1, 1)))
+#: by how a label begins; the first that fits
+FAMILIES = {
+    "ACNMP's twin": GREEN,
+    "ACNMP": BLUE,
+    "RC-NMP": VERMILION,
+    "twin": GREEN,
+    "GA": GREEN,
+    "CMA-ES": PURPLE,
+    "contextual CMA-ES": PURPLE,
+    "REPS": SKY,
+    "DREPS": SKY,
+    "contextual REPS": SKY,
+    "ProMP+RL": ORANGE,
+}
+FAINT = 0.5  # of lines beyond as many of one colour as there are line styles
 DPI = 150
 ROOM = 1.02  # beyond the longest run, so that its last update is inside the axes
 
 
 def line_style(label: str, labels: Sequence[str]) -> dict[str, Any]:
-    """Return an algorithm's colour and line, the same in all figures of a suite.
+    """Return an algorithm's colour and line: its family's colour in all figures of all suites.
+
+    Algorithms of no family take the colours that the suite's families leave, in turn.
+
+    >>> line_style("RC-NMP", ["GA", "RC-NMP"])["color"] == VERMILION
+    True
 
     :param label: the algorithm's
     :param labels: all algorithms of the suite, in their order
     """
-    place = list(labels).index(label)
+    families = {each: _family(each) for each in labels}
+    free = [colour for colour in COLOURS if colour not in families.values()] or list(COLOURS)
+    others = [each for each in labels if families[each] is None]
+    colours = {each: families[each] or free[others.index(each) % len(free)] for each in families}
+    colour = colours[label]
+    place = [each for each in colours if colours[each] == colour].index(label)
     return {
-        "color": COLOURS[place % len(COLOURS)],
+        "color": colour,
         "linestyle": LINES[place % len(LINES)],
         "linewidth": 2.0,
+        "alpha": 1.0 if place < len(LINES) else FAINT,
     }
+
+
+def _family(label: str) -> str | None:
+    return next((colour for name, colour in FAMILIES.items() if label.startswith(name)), None)
 
 
 def seeds_of(label: str, n_seeds: int, what: str = "seed") -> str:
