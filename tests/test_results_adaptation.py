@@ -152,8 +152,11 @@ def test_figure_has_a_panel_a_kind_and_an_entry_an_algorithm(tmp_path: Path):
     assert np.array_equal(references["extrapolation"], errors)
     titles = panel_titles(finished(RECORDS))
     figure = adaptation_curves(curves_frame(RECORDS), ["A", "B", "C"], references, titles)
-    assert [axes.get_yscale() for axes in figure.axes] == ["log", "log"]
-    assert [axes.get_title().split(":")[0] for axes in figure.axes] == [
+    errors_of, successes = figure.axes[:2], figure.axes[2:]
+    assert [axes.get_yscale() for axes in errors_of] == ["log", "log"]
+    ends = [line.get_ydata()[-1] for axes in successes for line in axes.lines]  # type: ignore[index]
+    assert ends == pytest.approx([2 / 3, 1.0, 1.0])  # A and B beyond, A between
+    assert [axes.get_title().split(":")[0] for axes in errors_of] == [
         "extrapolation", "interpolation",
     ]  # fmt: skip
     entries = [text.get_text() for text in figure.legends[0].get_texts()]

@@ -9,6 +9,7 @@ import pandas as pd
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
 from results.adaptation.summary import context_text
@@ -42,9 +43,9 @@ def figures(
     drawn: dict[str, Figure] = {}
     for task, curves in curves_frame(records).groupby("task"):
         runs = [record for record in finished(records) if record.specification.task == task]
-        figure = adaptation_curves(curves, labels, published, panel_titles(runs))
         unit = runs[0].task.error_unit
-        figure.supylabel("error of the greedy policy" + (f" [{unit}]" if unit else ""))
+        told = "error of the greedy policy" + (f" [{unit}]" if unit else "")
+        figure = adaptation_curves(curves, labels, published, panel_titles(runs), told)
         drawn[f"curves_{task_slug(str(task))}.png"] = figure
     return drawn
 
@@ -69,31 +70,40 @@ def adaptation_curves(
     labels: Sequence[str],
     references: References,
     titles: Mapping[str, str],
+    unit: str = "",
 ) -> Figure:
-    """Draw the greedy error against rollouts, a panel for each kind of target.
+    """Draw the greedy error against rollouts, a panel for each kind of target; below it success.
 
     :param curves: of one task, one row per step
     :param labels: the algorithms in the order of the legend
     :param references: published errors of shape (runs, updates), by kind of target
     :param titles: of the panels, by kind
+    :param unit: of the errors
     """
     kinds = sorted(set(curves["kind"]))
     n_columns = min(len(kinds), 3)
     n_rows = math.ceil(len(kinds) / n_columns)
-    size = (max(5.5 * n_columns, 7.0), 4.4 * n_rows + 1.0)
+    size = (max(5.5 * n_columns, 7.0), 6.2 * n_rows + 1.0)
     figure = Figure(figsize=size, layout="constrained")
-    panels = figure.subplots(n_rows, n_columns, sharey=True, squeeze=False)
+    panels = figure.subplots(2 * n_rows, n_columns, squeeze=False, height_ratios=(2, 1) * n_rows)
+    errors, successes = panels[0::2].flatten(), panels[1::2].flatten()
     handles: dict[str, Artist] = {}
-    for axes in panels.flat[len(kinds) :]:
+    for axes in (*errors[len(kinds) :], *successes[len(kinds) :]):
         axes.set_visible(False)
-    for axes, kind in zip(panels.flat, kinds, strict=False):
-        _draw_panel(axes, curves.loc[curves["kind"] == kind], labels)
+    for axes, success, kind in zip(errors, successes, kinds, strict=False):
+        chosen = curves.loc[curves["kind"] == kind]
+        _draw_panel(axes, chosen, labels)
+        _draw_success(success, chosen, labels)
         if kind in references:
             _draw_reference(axes, references[kind])
-        axes.set(title=titles[kind], xlabel="rollouts")
+        axes.set(title=titles[kind], ylabel=unit)
         _scale_errors(axes, curves)
-        _scale_rollouts(axes, curves)
-        plain_axes(axes)
+        axes.sharey(errors[0])
+        success.set(xlabel="rollouts", ylabel="runs that succeed", ylim=(-0.03, 1.03))
+        success.yaxis.set_major_formatter(PercentFormatter(1.0))
+        for each in (axes, success):
+            _scale_rollouts(each, curves)
+            plain_axes(each)
         found, names = axes.get_legend_handles_labels()
         handles |= dict(zip(names, found, strict=True))
     break_line = "\n" if n_columns == 1 else " "
@@ -174,6 +184,19 @@ def _draw_panel(axes: Axes, curves: pd.DataFrame, labels: Sequence[str]) -> None
             axes.fill_between(
                 median.index, low, high, step="post", color=style["color"], alpha=0.13, linewidth=0
             )
+
+
+def _draw_success(axes: Axes, curves: pd.DataFrame, labels: Sequence[str]) -> None:
+    """Draw the share of runs whose greedy policy succeeds."""
+    found = set(curves["label"])
+    for label in labels:
+        if label in found:
+            chosen = curves.loc[curves["label"] == label]
+            succeeds = chosen.assign(success=chosen["greedy_success"].astype(float)).pivot_table(
+                index="rollouts", columns=["target", "seed"], values="success", aggfunc="last"
+            )
+            rate = succeeds.ffill().fillna(0.0).mean(axis=1)
+            axes.step(rate.index, rate, where="post", **line_style(label, labels))
 
 
 def _draw_reference(axes: Axes, errors: NDArray[np.float64]) -> None:
