@@ -114,6 +114,13 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
         "--workers", type=int, metavar="N", help="parallel processes (default: one per core)"
     )
     parser.add_argument(
+        "--backend",
+        choices=("processes", "ray"),
+        default="processes",
+        help="where: processes of this machine, or the Ray cluster that RAY_ADDRESS names "
+        "(default: %(default)s)",
+    )
+    parser.add_argument(
         "--out", type=Path, metavar="DIR", help="folder of the runs (default: results/runs/SUITE)"
     )
     parser.add_argument(
@@ -209,7 +216,9 @@ def run(options: argparse.Namespace) -> int:
     if folder.exists() and not folder.is_dir():
         raise BenchmarkError(f"--out is '{folder}', a file; name a folder.")
     return run_with_progress(
-        plan_runs(folder, suite.specifications, options.overwrite), options.workers
+        plan_runs(folder, suite.specifications, options.overwrite),
+        options.workers,
+        options.backend,
     )
 
 

@@ -7,9 +7,10 @@ from joblib.externals.loky.process_executor import BrokenProcessPool
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from results.harness.cluster import ClusterGoneError
 from results.harness.record_files import FAILED
 from results.harness.resume import Plan, finished_path
-from results.harness.runner import Outcome, RolloutCounters, run_plan
+from results.harness.runner import Backend, Outcome, RolloutCounters, run_plan
 
 DONE, ALL_FAILED, INTERRUPTED = 0, 1, 130
 
@@ -51,11 +52,12 @@ class RunProgress(Progress):
         yield from super().get_renderables()
 
 
-def run_with_progress(plan: Plan, n_workers: int | None) -> int:
+def run_with_progress(plan: Plan, n_workers: int | None, backend: Backend = "processes") -> int:
     """Do the runs of a plan, tell about each, and return the exit status.
 
     :param plan: what is to be done
     :param n_workers: processes; one per core by default
+    :param backend: where, see `run_plan`
     """
     console = Console(highlight=False, soft_wrap=True)
     for why in plan.unreadable:
@@ -73,10 +75,12 @@ def run_with_progress(plan: Plan, n_workers: int | None) -> int:
             RolloutCounters(len(plan.todo)) as counters,
             RunProgress(plan, counters, console) as progress,
         ):
-            for outcome in run_plan(plan, n_workers, counters):
+            for outcome in run_plan(plan, n_workers, counters, backend):
                 ended.append(outcome)
                 progress.ended(len(ended))
                 progress.console.print(describe(outcome), markup=False)
+    except ClusterGoneError as error:
+        return _stopped(plan, str(error), ALL_FAILED)
     except KeyboardInterrupt:
         return _stopped(plan, "interrupted", INTERRUPTED)
     except BrokenProcessPool:

@@ -4,14 +4,15 @@ import tempfile
 import time
 import traceback
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 import torch as th
 from joblib import delayed
 
+from results.harness.cluster import on_cluster
 from results.harness.environments import RunTask
 from results.harness.plugins import bring_in
 from results.harness.processes import in_processes
@@ -21,6 +22,8 @@ from results.harness.record_files import write_record
 from results.harness.records import ErrorRecord, Provenance, Result, RunRecord, Seconds
 from results.harness.resume import Plan, alone_in, clear, failed_path, finished_path
 from results.harness.specification import RunSpecification
+
+Backend = Literal["processes", "ray"]
 
 
 @dataclass(frozen=True)
@@ -132,6 +135,39 @@ def sees(model: object) -> tuple[str, ...] | None:
     return None if information is None else tuple(sorted(str(each) for each in information))
 
 
+def record_of(
+    run: RunSpecification, origin: Provenance, on_rollouts: OnRollouts | None = None
+) -> RunRecord:
+    """Do one run; an error is recorded and does not spread.
+
+    :param run: what to run
+    :param origin: where the runs come from
+    :param on_rollouts: told the number of rollouts so far
+    """
+    try:
+        return RunRecord(run.record, origin, "finished", execute(run, on_rollouts))
+    except Exception as error:  # whatever an algorithm raises is this run's result
+        return _failed(run, origin, error)
+
+
+def _failed(run: RunSpecification, origin: Provenance, error: BaseException) -> RunRecord:
+    told = "".join(traceback.format_exception(error))
+    why = ErrorRecord(type(error).__name__, str(error), told)
+    return RunRecord(run.record, origin, "failed", error=why)
+
+
+def written(run: RunSpecification, folder: Path, record: RunRecord) -> Outcome:
+    """Write a run's file.
+
+    :param run: what was run
+    :param folder: of the runs
+    :param record: what came of it
+    """
+    path = finished_path(folder, run) if record.finished else failed_path(folder, run)
+    write_record(path, record)
+    return Outcome(run, record)
+
+
 def run_and_write(
     run: RunSpecification,
     folder: Path,
@@ -145,34 +181,57 @@ def run_and_write(
     :param origin: where the runs come from
     :param on_rollouts: told the number of rollouts so far
     """
-    try:
-        record = RunRecord(run.record, origin, "finished", execute(run, on_rollouts))
-        write_record(finished_path(folder, run), record)
-    except Exception as error:  # whatever an algorithm raises is this run's result
-        why = ErrorRecord(type(error).__name__, str(error), traceback.format_exc())
-        record = RunRecord(run.record, origin, "failed", error=why)
-        write_record(failed_path(folder, run), record)
+    outcome = written(run, folder, record_of(run, origin, on_rollouts))
     if on_rollouts is not None:  # a run that failed or stopped early leaves nothing to wait for
         on_rollouts(run.budget)
-    return Outcome(run, record)
+    return outcome
+
+
+def record_on_node(asked: tuple[RunSpecification, Provenance]) -> RunRecord:
+    """Do one run on a node of a cluster; versions and machine are the node's.
+
+    :param asked: what to run, and where the runs come from
+    """
+    run, origin = asked
+    here = provenance()
+    return record_of(run, replace(here, commit=origin.commit, dirty=origin.dirty))
 
 
 def run_plan(
-    plan: Plan, n_workers: int | None = None, counters: RolloutCounters | None = None
+    plan: Plan,
+    n_workers: int | None = None,
+    counters: RolloutCounters | None = None,
+    backend: Backend = "processes",
 ) -> Iterator[Outcome]:
     """Do the runs of a plan and yield each as soon as it has ended and its file is written.
 
     :param plan: what is to be done; earlier results of these runs are removed first
     :param n_workers: processes; one per core by default
     :param counters: told how many rollouts each run has done
-    :raises BenchmarkError: another process does runs in the folder
+    :param backend: where: in processes of this machine, or on a Ray cluster
+    :raises BenchmarkError: another process does runs in the folder, or there is no cluster
     """
     plan.folder.mkdir(parents=True, exist_ok=True)
     with alone_in(plan.folder):
         clear(plan)
         origin = provenance()
+        if backend == "ray":
+            yield from _on_cluster(plan, origin, n_workers, counters)
+            return
         jobs = (
             delayed(run_and_write)(run, plan.folder, origin, counters and counters.writer(index))
             for index, run in enumerate(plan.todo)
         )
         yield from in_processes(jobs, len(plan.todo), n_workers)
+
+
+def _on_cluster(
+    plan: Plan, origin: Provenance, n_workers: int | None, counters: RolloutCounters | None
+) -> Iterator[Outcome]:
+    asked = [(run, origin) for run in plan.todo]
+    for index, found in on_cluster(record_on_node, asked, n_workers):
+        run = plan.todo[index]
+        record = found if isinstance(found, RunRecord) else _failed(run, origin, found)
+        if counters is not None:
+            counters.writer(index)(run.budget)
+        yield written(run, plan.folder, record)
