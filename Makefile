@@ -9,11 +9,12 @@ BIN := .venv/bin
 STAMP := .venv/installed
 DOCS_STAMP := .venv/docs-installed
 LATEST := .venv-latest
+OLDEST := .venv-oldest
 PACKAGES := baselines benchmark_envs results sb3_nmp
 PYTEST := $(BIN)/pytest -n auto --maxprocesses $(WORKERS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup bench test test-slow test-latest leaderboard docs check format clean distclean
+.PHONY: help setup bench test test-slow test-latest test-oldest leaderboard docs check format clean distclean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
@@ -35,7 +36,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@echo "Installed in .venv."
 
 # One thread a process: the runs themselves are spread over the cores.
-bench test test-slow test-latest leaderboard docs: export OMP_NUM_THREADS = 1
+bench test test-slow test-latest test-oldest leaderboard docs: export OMP_NUM_THREADS = 1
 
 bench: setup ## run the quick suite over 5 seeds, then print its table and draw its plots
 	$(BIN)/nmp-bench run --suite $(SUITE) --seeds $(SEEDS)
@@ -65,6 +66,17 @@ $(LATEST)/installed: pyproject.toml constraints.txt
 test-latest: $(LATEST)/installed ## tests and doctests with the newest MuJoCo, in .venv-latest
 	$(LATEST)/bin/pytest -n auto --maxprocesses $(WORKERS)
 
+$(OLDEST)/installed: pyproject.toml constraints-oldest.txt
+	@echo "Installing the oldest versions that pyproject.toml allows in $(OLDEST) (a minute or more)."
+	@$(PYTHON) -m venv $(OLDEST)
+	@$(OLDEST)/bin/python -m pip install --quiet --disable-pip-version-check --upgrade \
+	    -c constraints-oldest.txt -e '.[contrib,tests]'
+	@touch $@
+
+# Warnings are no errors here: old packages are used by newer ones in ways that are deprecated now.
+test-oldest: $(OLDEST)/installed ## tests and doctests with the oldest versions, in .venv-oldest
+	$(OLDEST)/bin/pytest -n auto --maxprocesses $(WORKERS) -o filterwarnings=default
+
 $(DOCS_STAMP): $(STAMP)
 	@echo "Installing what builds the documentation in .venv."
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
@@ -90,5 +102,5 @@ clean: ## remove caches and build artefacts (never results/runs)
 	rm -rf build dist docs/_build .hypothesis .pytest_cache .ruff_cache *.egg-info
 	find $(PACKAGES) tests -type d -name __pycache__ -prune -exec rm -rf {} +
 
-distclean: clean ## clean, and remove .venv and .venv-latest too
-	rm -rf .venv $(LATEST)
+distclean: clean ## clean, and remove .venv, .venv-latest and .venv-oldest too
+	rm -rf .venv $(LATEST) $(OLDEST)

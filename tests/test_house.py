@@ -1,6 +1,8 @@
-"""The sizes of rooms: files that can be read in one go, functions that fit half a screen."""
+"""The sizes of rooms, of files and functions that can be read in one go; the oldest versions."""
 
 import ast
+import re
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
@@ -33,3 +35,16 @@ def test_functions_are_short() -> None:
     found = dict(functions())
     assert {where: lines for where, lines in found.items() if lines > LONGEST_FUNCTION} == {}
     assert median(found.values()) <= MEDIAN_FUNCTION
+
+
+def test_the_oldest_versions_that_are_tested_are_those_that_are_allowed() -> None:
+    """But torch's, of which no index that pip knows by itself has an old CPU build."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    asked = [*project["dependencies"], *project["optional-dependencies"]["contrib"]]
+    bounds = dict(re.match(r"([\w-]+)>=([\d.]+)", each).groups() for each in asked)  # type: ignore[union-attr]
+    pins = re.findall(r"^([\w-]+)==([\d.]+)$", (ROOT / "constraints-oldest.txt").read_text(), re.M)
+    told = {name: version for name, version in pins if name != "torch"}
+    assert told.keys() == bounds.keys() - {"torch"}
+    for name, version in told.items():
+        assert version == bounds[name] or version.startswith(f"{bounds[name]}."), name
+        assert not version.removeprefix(bounds[name]).strip(".0"), name
