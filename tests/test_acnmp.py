@@ -101,6 +101,18 @@ def build(demonstrations: Demonstrations, env: gym.Env[Any, Any], **more: Any) -
     return ACNMP("MlpPolicy", env, demonstrations=demonstrations, **settings)
 
 
+def test_parameters_of_a_trained_network_are_not_trained_anew(
+    demonstrations: Demonstrations, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trained = build(demonstrations, Reach(0.0)).pretrain()
+    fresh = build(demonstrations, Reach(0.0))
+    fresh.set_parameters(trained.get_parameters())  # type: ignore[arg-type]  # SB3 types it so
+    monkeypatch.setattr(ACNMP, "pretrain", lambda self: pytest.fail("it trains anew"))
+    fresh.learn(1)
+    with pytest.raises(pytest.fail.Exception, match="it trains anew"):
+        build(demonstrations, Reach(0.0)).learn(1)
+
+
 def hypotheses(*views: np.ndarray) -> Hypotheses:
     return Hypotheses(views, ACNMPCritic().lengths, ACNMPCritic().noises)
 
@@ -175,6 +187,8 @@ def test_settings_outside_their_range_are_refused() -> None:
         ACNMPCritic(pull=-1)
     with pytest.raises(ConfigurationError, match="at least one value"):
         ACNMPCritic(lengths=())
+    with pytest.raises(ConfigurationError, match=r"other_starts is 'ridge'; give a tuple"):
+        ACNMPCritic(other_starts="ridge")  # type: ignore[arg-type]
     with pytest.raises(ConfigurationError, match="n_remembered is 1; it must be >= 2"):
         ACNMPCritic(n_remembered=1)
     with pytest.raises(ConfigurationError, match=r"shaped is 1.5; it must be in \[0, 1\]"):

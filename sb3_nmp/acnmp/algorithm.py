@@ -7,7 +7,7 @@ import numpy as np
 import torch as th
 from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.policies import BasePolicy
-from stable_baselines3.common.type_aliases import GymEnv, Schedule
+from stable_baselines3.common.type_aliases import GymEnv, Schedule, TensorDict
 from stable_baselines3.common.utils import update_learning_rate
 
 from sb3_nmp.acnmp.distribution import TrajectoryDistribution
@@ -18,6 +18,7 @@ from sb3_nmp.acnmp.search import PolicySearch
 from sb3_nmp.acnmp.settings import ACNMPAdaptation, ACNMPExploration
 from sb3_nmp.bayesian.search import CriticSearch, Subspace
 from sb3_nmp.bayesian.settings import SEARCH_SPACE, ACNMPCritic
+from sb3_nmp.common import files
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
 from sb3_nmp.common.context_search import ContextSearch
 from sb3_nmp.common.demonstrations import Demonstrations
@@ -136,6 +137,26 @@ class ACNMP(AdaptiveAlgorithm):
         pretrain(self.training_set(), self.pretraining, self.rng, self.policy.cnmp)
         self.is_pretrained = True
         return self
+
+    def set_parameters(
+        self,
+        load_path_or_dict: files.AnyPath | TensorDict,
+        exact_match: bool = True,
+        device: th.device | str = "auto",
+        *,
+        allow_pickle: bool = False,
+    ) -> None:
+        """Take over parameters; see `TrajectoryAlgorithm`.
+
+        A trained network's are not trained anew by `learn`.
+
+        :param load_path_or_dict: a file that `save` wrote, or what `get_parameters` returned
+        :param exact_match: whether all parameters must be given
+        :param device: of the parameters while they are read
+        :param allow_pickle: as in `load`
+        """
+        super().set_parameters(load_path_or_dict, exact_match, device, allow_pickle=allow_pickle)
+        self.is_pretrained = self.policy.cnmp.is_scaled
 
     def _setup_learn(self, *args: Any, **kwargs: Any) -> tuple[int, Any]:  # noqa: ANN401
         if not self.is_pretrained:

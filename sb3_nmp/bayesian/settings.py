@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.regression import Regression, check_regression
 from sb3_nmp.common.settings import Presets, Rules, check_rules, settings_name
 from sb3_nmp.common.tuning import Choice, Range, SearchSpace
@@ -125,6 +126,11 @@ class ACNMPCritic:
     def __post_init__(self) -> None:
         """Check the values."""
         low, high = self.radius_limits
+        if isinstance(self.other_starts, str):
+            raise ConfigurationError(
+                f"other_starts is {self.other_starts!r}; give a tuple of regressions, such as "
+                f"({self.other_starts!r},), or () for the policy's answer alone."
+            )
         for name in self.other_starts:
             check_regression(name)
         rules: Rules = {
