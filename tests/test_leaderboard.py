@@ -2,6 +2,7 @@
 
 import errno
 import json
+import math
 import os
 import shlex
 import shutil
@@ -23,7 +24,7 @@ from results.leaderboard.boards import BOARDS, DATA, Board
 from results.leaderboard.check import FALSE_ALARMS, MEASURES, judge
 from results.leaderboard.files import digest, read_row, row_paths, write_row
 from results.leaderboard.rows import Claim, Evidence, Row, mean_reward
-from results.leaderboard.verify import TOLERANCE, verify_row
+from results.leaderboard.verify import TOLERANCE, _about_claim_over_many, verify_row
 from results.one_context.protocol import OneContext
 from results.report.statistics import permutation_p
 from results.stream.evaluation import N_KEPT
@@ -182,6 +183,10 @@ def the_best_run_twice(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
     return replace(row, claims=(*row.claims[:-1], row.claims[of(row, True)])), evidence
 
 
+def a_share_that_fails_in_one_context(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return changed_claim(row, 0, failure_rate=0.0, kept_rewards=(5.0,)), evidence
+
+
 def another_budget(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
     return replace(row, budget=30), evidence
 
@@ -215,6 +220,7 @@ FORGERIES: dict[Forgery, str] = {
     an_easier_context: "is in the context",
     a_run_left_out: "are not those of the board",
     the_best_run_twice: "counted twice",
+    a_share_that_fails_in_one_context: "tells what many have",
     another_budget: "its budget is 30",
     other_settings: "its settings is",
     a_negative_count: "took -5.0 rollouts",
@@ -344,6 +350,11 @@ def test_a_row_over_many_contexts_is_made_shown_verified_and_checked(
     assert command("check", anywhere, board="anywhere") == 0
     told = capsys.readouterr().out
     assert "anywhere/nearest: holds (bitwise)" in told
+    unchecked = replace(ANYWHERE, n_checked=0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(BOARDS, "anywhere", unchecked)
+        assert command("check", anywhere, board="anywhere") == 0
+    assert "no runs again, which take too long" in capsys.readouterr().out
     assert "anywhere, nearest: 2 runs again, the same to the bit" in told
 
 
@@ -382,7 +393,24 @@ def no_success_in_spite_of_its_failures(row: Row, evidence: Evidence) -> tuple[R
     return changed_claim(row, i, success=False, rollouts=None), evidence
 
 
+def fewer_than_no_failures(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return changed_claim(row, 0, failure_rate=-0.001), evidence
+
+
+def a_trajectory_that_solves_one(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    forged = changed_claim(row, 0, solving_reward=-0.1)
+    return forged, replace(evidence, solving=evidence.final[0, :1])
+
+
+def fewer_demonstrations_than_there_were(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    settings = row.protocol.settings | {"n_demonstrations": 1}
+    return replace(row, protocol=replace(row.protocol, settings=settings)), evidence
+
+
 OVER_MANY: dict[Forgery, str] = {
+    fewer_than_no_failures: "which is none of 40 contexts",
+    a_trajectory_that_solves_one: "tells a trajectory that solves one",
+    fewer_demonstrations_than_there_were: "its protocol is",
     fewer_failures: "of the 25 kept ones do",
     fewer_kept_failures: "of the kept trajectories fail, not",
     a_kept_reward_one_bit_better: "the trajectory in kept context 0 earns",
@@ -399,6 +427,16 @@ def test_a_forger_of_a_row_over_many_contexts_is_caught(
 ) -> None:
     path = write_row(tmp_path, *forge(*the_row(anywhere)))
     assert any(OVER_MANY[forge] in problem for problem in verify_row(path).problems)
+
+
+def test_a_share_that_the_kept_contexts_make_incredible_is_not_believed() -> None:
+    """Twenty of a thousand contexts may fail, but then not seven of the first 25."""
+    rewards = (-1.0,) * N_KEPT
+    claim = Claim(0, "", None, 9.0, -1.0, True, None, -2.0, 0.02, rewards, 7)
+    (told,) = _about_claim_over_many(claim, 1000, 0.02)
+    assert "that 2.0% of 1000 contexts fail, but 7 of the 25 kept ones do" in told
+    for n_kept in (0, 1, 2, 5):
+        assert not [*_about_claim_over_many(replace(claim, n_kept_failures=n_kept), 1000, 0.02)]
 
 
 # -- check -------------------------------------------------------------------------------------
@@ -486,6 +524,18 @@ def test_false_alarms_are_bounded_and_simulated() -> None:
         len(board.labels) for name, board in BOARDS.items() if name not in {"hills", "anywhere"}
     )
     assert smallest * n_committed * len(MEASURES) < FALSE_ALARMS
+
+
+def test_the_check_of_every_board_can_alarm() -> None:
+    """Runs that are worse than all committed ones, in every context: the least p that there is."""
+    kept = {name: board for name, board in BOARDS.items() if name not in {"hills", "anywhere"}}
+    n_rows = sum(len(board.labels) for board in kept.values())
+    for name, board in kept.items():
+        runs = board.runs(name, board.labels[:1])
+        n_contexts = len({(run.variant, run.protocol.number) for run in runs})
+        n_orders = math.comb(len(board.seeds) + board.n_checked, board.n_checked) ** n_contexts
+        least = 1 / min(n_orders, 50_001)
+        assert board.n_checked == 0 or least * n_rows * len(MEASURES) < FALSE_ALARMS, name
 
 
 @pytest.mark.slow

@@ -154,6 +154,10 @@ def test_figure_has_a_panel_a_kind_and_an_entry_an_algorithm(tmp_path: Path):
     figure = adaptation_curves(curves_frame(RECORDS), ["A", "B", "C"], references, titles)
     errors_of, successes = figure.axes[:2], figure.axes[2:]
     assert [axes.get_yscale() for axes in errors_of] == ["log", "log"]
+    for axes in errors_of:
+        low, high = axes.get_ylim()
+        shown = np.concatenate([np.asarray(line.get_ydata(), float) for line in axes.lines])
+        assert low <= np.nanmin(shown) and np.nanmax(shown) <= high
     ends = [line.get_ydata()[-1] for axes in successes for line in axes.lines]  # type: ignore[index]
     assert ends == pytest.approx([2 / 3, 1.0, 1.0])  # A and B beyond, A between
     assert [axes.get_title().split(":")[0] for axes in errors_of] == [

@@ -70,7 +70,7 @@ def adaptation_curves(
     labels: Sequence[str],
     references: References,
     titles: Mapping[str, str],
-    unit: str = "",
+    told: str = "",
 ) -> Figure:
     """Draw the greedy error against rollouts, a panel for each kind of target; below it success.
 
@@ -78,7 +78,7 @@ def adaptation_curves(
     :param labels: the algorithms in the order of the legend
     :param references: published errors of shape (runs, updates), by kind of target
     :param titles: of the panels, by kind
-    :param unit: of the errors
+    :param told: of the errors' axis
     """
     kinds = sorted(set(curves["kind"]))
     n_columns = min(len(kinds), 3)
@@ -87,6 +87,8 @@ def adaptation_curves(
     figure = Figure(figsize=size, layout="constrained")
     panels = figure.subplots(2 * n_rows, n_columns, squeeze=False, height_ratios=(2, 1) * n_rows)
     errors, successes = panels[0::2].flatten(), panels[1::2].flatten()
+    for axes in errors[1:]:
+        axes.sharey(errors[0])
     handles: dict[str, Artist] = {}
     for axes in (*errors[len(kinds) :], *successes[len(kinds) :]):
         axes.set_visible(False)
@@ -96,9 +98,8 @@ def adaptation_curves(
         _draw_success(success, chosen, labels)
         if kind in references:
             _draw_reference(axes, references[kind])
-        axes.set(title=titles[kind], ylabel=unit)
+        axes.set(title=titles[kind], ylabel=told)
         _scale_errors(axes, curves)
-        axes.sharey(errors[0])
         success.set(xlabel="rollouts", ylabel="runs that succeed", ylim=(-0.03, 1.03))
         success.yaxis.set_major_formatter(PercentFormatter(1.0))
         for each in (axes, success):

@@ -7,6 +7,7 @@ that asked for it writes. A run whose node has gone is done again elsewhere.
 import os
 import socket
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from results.exceptions import BenchmarkError
@@ -22,36 +23,52 @@ class ClusterGoneError(BenchmarkError):
     """A cluster that was there does not answer any more."""
 
 
+@contextmanager
+def connected() -> Iterator[Any]:
+    """Connect to the cluster that `ADDRESS` names, or to one of this machine, for a while.
+
+    :raises BenchmarkError: Ray is not installed, or there is no such cluster
+    """
+    ray = _connect()
+    try:
+        yield ray
+    finally:
+        ray.shutdown()
+
+
 def on_cluster(
-    work: Callable[[Any], Any], asked: Sequence[Any], n_workers: int | None
+    ray: Any,  # noqa: ANN401
+    work: Callable[[Any], Any],
+    asked: Sequence[Any],
+    n_workers: int | None,
 ) -> Iterator[tuple[int, Any]]:
     """Do work on a cluster's cores, one each, and yield what comes back as soon as it does.
 
+    :param ray: of `connected`
     :param work: called with each of ``asked``, on some node
     :param asked: what can be sent to nodes
     :param n_workers: pieces of work at once; all that the cluster has cores for by default
     :return: the place in ``asked``, and what ``work`` returned, or the exception that Ray raised
         where that could not be done, such as one of a node that goes away again and again
-    :raises BenchmarkError: Ray is not installed, or there is no such cluster
     :raises ClusterGoneError: it has gone
     """
-    ray = _connected()
-    try:
-        remote = ray.remote(num_cpus=1, max_retries=RETRIES)(work)
-        waiting = list(enumerate(asked))[::-1]
-        most = n_workers or max(1, int(ray.cluster_resources().get("CPU", 1)))
-        under_way: dict[Any, int] = {}
-        while waiting or under_way:
+    remote = ray.remote(num_cpus=1, max_retries=RETRIES)(work)
+    waiting = list(enumerate(asked))[::-1]
+    under_way: dict[Any, int] = {}
+    while waiting or under_way:
+        try:
+            most = n_workers or max(1, int(ray.cluster_resources().get("CPU", 1)))
             while waiting and len(under_way) < most:
                 place, piece = waiting.pop()
                 under_way[remote.remote(piece)] = place
             (reference, *_), _ = ray.wait(list(under_way))
-            yield under_way.pop(reference), _result(ray, reference)
-    finally:
-        ray.shutdown()
+            found = _result(ray, reference)
+        except (ray.exceptions.RaySystemError, ConnectionError) as error:
+            raise ClusterGoneError(f"the Ray cluster has gone ({error})") from error
+        yield under_way.pop(reference), found
 
 
-def _connected() -> Any:  # noqa: ANN401
+def _connect() -> Any:  # noqa: ANN401
     """Return Ray, connected to the cluster that `ADDRESS` names, or to one of this machine."""
     try:
         import ray
@@ -86,7 +103,7 @@ def _result(ray: Any, reference: Any) -> Any:  # noqa: ANN401
     """Return what came back, or the exception of a piece of work that cannot be done."""
     try:
         return ray.get(reference)
-    except (ray.exceptions.RaySystemError, ConnectionError) as error:
-        raise ClusterGoneError(f"the Ray cluster has gone ({error})") from error
+    except ray.exceptions.RaySystemError:
+        raise
     except ray.exceptions.RayError as error:
         return error

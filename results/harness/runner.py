@@ -6,13 +6,14 @@ import traceback
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 import torch as th
 from joblib import delayed
 
-from results.harness.cluster import on_cluster
+from results.exceptions import BenchmarkError
+from results.harness.cluster import connected, on_cluster
 from results.harness.environments import RunTask
 from results.harness.plugins import bring_in
 from results.harness.processes import in_processes
@@ -194,7 +195,19 @@ def record_on_node(asked: tuple[RunSpecification, Provenance]) -> RunRecord:
     """
     run, origin = asked
     here = provenance()
-    return record_of(run, replace(here, commit=origin.commit, dirty=origin.dirty))
+    if here.commit is None:  # the package is installed there, outside a repository
+        here = replace(here, commit=origin.commit, dirty=origin.dirty)
+    if (here.commit, here.dirty) != (origin.commit, origin.dirty):
+        told = f"{here.commit}{' with changes' if here.dirty else ''}"
+        return _failed(
+            run,
+            here,
+            BenchmarkError(
+                f"a node of the cluster has the commit {told}, and {origin.commit} was asked for: "
+                "install that one there."
+            ),
+        )
+    return record_of(run, here)
 
 
 def run_plan(
@@ -213,11 +226,13 @@ def run_plan(
     """
     plan.folder.mkdir(parents=True, exist_ok=True)
     with alone_in(plan.folder):
+        if backend == "ray":
+            with connected() as ray:  # before anything is removed
+                clear(plan)
+                yield from _on_cluster(ray, plan, n_workers, counters)
+            return
         clear(plan)
         origin = provenance()
-        if backend == "ray":
-            yield from _on_cluster(plan, origin, n_workers, counters)
-            return
         jobs = (
             delayed(run_and_write)(run, plan.folder, origin, counters and counters.writer(index))
             for index, run in enumerate(plan.todo)
@@ -226,10 +241,14 @@ def run_plan(
 
 
 def _on_cluster(
-    plan: Plan, origin: Provenance, n_workers: int | None, counters: RolloutCounters | None
+    ray: Any,  # noqa: ANN401
+    plan: Plan,
+    n_workers: int | None,
+    counters: RolloutCounters | None,
 ) -> Iterator[Outcome]:
+    origin = provenance()
     asked = [(run, origin) for run in plan.todo]
-    for index, found in on_cluster(record_on_node, asked, n_workers):
+    for index, found in on_cluster(ray, record_on_node, asked, n_workers):
         run = plan.todo[index]
         record = found if isinstance(found, RunRecord) else _failed(run, origin, found)
         if counters is not None:

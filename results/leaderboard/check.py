@@ -49,6 +49,8 @@ class Judgement:
 
     def sentence(self) -> str:
         """Say it."""
+        if not self.n_runs:
+            return f"{self.row}: no runs again, which take too long; compare bits with --exact"
         if self.same:
             return f"{self.row}: {self.n_runs} runs again, the same to the bit"
         told = ", ".join(f"{name} p = {p:.2g}" for name, p in self.p_values.items())

@@ -219,8 +219,11 @@ def _claims_again(
     from results.harness.runner import run_plan
     from results.leaderboard.rows import claim_of
 
+    n_again = board.n_checked if n_seeds is None else n_seeds
+    if n_again == 0:
+        return []
     with tempfile.TemporaryDirectory(prefix="nmp-bench-") as folder:
-        plan = plan_runs(Path(folder), board.runs(name, [label], n_seeds or board.n_checked))
+        plan = plan_runs(Path(folder), board.runs(name, [label], n_again))
         return [
             claim_of(outcome.record, board.most_failures) for outcome in run_plan(plan, n_workers)
         ]

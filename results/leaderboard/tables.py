@@ -28,8 +28,8 @@ NOTES = (
     "over many contexts the mean over those whose trajectories are kept. fail: share of all unseen "
     "contexts in the end. sees: R reward, S success, T the reward's terms, P step rewards, A "
     "achieved contexts, D demonstrations.",
-    "'nmp-bench leaderboard verify' simulates the trajectories that earned the rows, 'check' does "
-    "runs again.",
+    "'nmp-bench leaderboard verify' simulates the trajectories that earned the rows, over many "
+    "contexts those of the first 25; 'check' does runs again.",
 )
 
 

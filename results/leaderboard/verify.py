@@ -2,7 +2,9 @@
 
 What this shows: these trajectories, in the contexts that the board's seeds give, earn these
 rewards; and every run that the board asks for is there once. What it cannot show is after how many
-rollouts a trajectory was found: for that runs must be done again, which `check` does.
+rollouts a trajectory was found, what the mean over the budget was, and over many contexts which
+share fails beyond those whose answers are kept, but for what these make incredible: for that runs
+must be done again, which `check` does.
 """
 
 import json
@@ -10,15 +12,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import cast
 
 import numpy as np
+from scipy.stats import hypergeom
 
 from benchmark_envs import Task, TaskError, make_task
 from results.exceptions import RecordError
 from results.harness.environments import RunTask
 from results.harness.machine import machine
 from results.harness.provenance import provenance
+from results.harness.records import ProtocolRecord
 from results.harness.specification import RunSpecification, plain
 from results.leaderboard.boards import BOARDS, Board
 from results.leaderboard.files import digest, read_row
@@ -28,6 +31,8 @@ from results.stream.protocol import Stream
 
 #: of a reward, relative to it or to 1, where CPU or libraries differ from those of the row
 TOLERANCE = 1e-6
+#: a claim over many contexts that is less probable, given the kept ones, is not believed
+INCREDIBLE = 1e-6
 Runs = dict[tuple[int, str, int | None], RunSpecification]
 DECIDES_REWARDS = ("mujoco", "numpy")  # and nothing else that is installed
 
@@ -101,8 +106,10 @@ def _about_files(
         return
     runs = _runs(row, boards[row.board])
     wanted = next(iter(runs.values())).record
-    for name in ("algorithm", "settings", "task", "budget"):
+    for name in ("algorithm", "settings", "task", "budget", "protocol"):
         said, asked = getattr(row, name), getattr(wanted, name)
+        if name == "protocol":
+            asked = ProtocolRecord(asked.name, asked.settings)
         if said != asked:
             yield f"its {name} is {said}, but the board asks for {asked}"
     keys = [claim.key for claim in row.claims]
@@ -126,13 +133,11 @@ def _about_claims(row: Row, evidence: Evidence, runs: Runs, board: Board) -> Ite
         return
     for claim in row.claims:
         yield from _about_claim(claim, row.budget)
-        if _over_many(runs):
-            yield from _about_claim_over_many(claim, board)
-        elif (claim.solving_reward is not None) != claim.success:
-            yield (
-                f"run {claim.key} says success {claim.success}, but has no trajectory that tells "
-                "since when"
-            )
+        protocol = runs[claim.key].protocol if claim.key in runs else None
+        if isinstance(protocol, Stream):
+            yield from _about_claim_over_many(claim, protocol.n_test, board.most_failures)
+        else:
+            yield from _about_claim_in_one(claim)
 
 
 def _over_many(runs: Runs) -> bool:
@@ -149,35 +154,59 @@ def _about_claim(claim: Claim, budget: int) -> Iterator[str]:
         yield f"{where} took {claim.rollouts} rollouts of {budget}"
 
 
-def _about_claim_over_many(claim: Claim, board: Board) -> Iterator[str]:
-    """Yield what contradicts itself in a claim over many contexts."""
+def _about_claim_in_one(claim: Claim) -> Iterator[str]:
+    """Yield what contradicts itself in a claim in one context."""
+    where = f"run {claim.key}"
+    if (claim.solving_reward is not None) != claim.success:
+        yield f"{where} says success {claim.success}, but has no trajectory that tells since when"
+    if claim.failure_rate is not None or claim.kept_rewards or claim.n_kept_failures:
+        yield f"{where} is in one context, and tells what many have: a share that fails"
+
+
+def _about_claim_over_many(claim: Claim, n_test: int, most_failures: float) -> Iterator[str]:
+    """Yield what contradicts itself in a claim over many contexts, or cannot be believed."""
     where, rate = f"run {claim.key}", claim.failure_rate
-    stream = cast(Stream, board.recipe.protocols[0])
     if rate is None or len(claim.kept_rewards) != N_KEPT:
         yield f"{where} tells {len(claim.kept_rewards)} rewards, and {N_KEPT} contexts are kept"
         return
-    if claim.success != (rate <= board.most_failures):
+    if claim.solving_reward is not None:
+        yield f"{where} is over many contexts, and tells a trajectory that solves one"
+    if claim.success != (rate <= most_failures):
+        yield f"{where} says success {claim.success}, but {rate:.1%} fail, {most_failures:.1%} may"
+    n_failures, n_kept = round(rate * n_test), claim.n_kept_failures
+    if rate != n_failures / n_test or not 0 <= n_failures <= n_test:
+        yield f"{where} says that a share of {rate!r} fails, which is none of {n_test} contexts"
+    elif min(_as_many(n_kept, n_failures, n_test)) < INCREDIBLE:
         yield (
-            f"{where} says success {claim.success}, but {rate:.1%} fail, and "
-            f"{board.most_failures:.1%} may"
-        )
-    n_failures = rate * stream.n_test
-    n_others = stream.n_test - N_KEPT
-    if not -0.5 < n_failures - claim.n_kept_failures < n_others + 0.5:
-        yield (
-            f"{where} says that {rate:.1%} of {stream.n_test} contexts fail, but "
-            f"{claim.n_kept_failures} of the {N_KEPT} kept ones do"
+            f"{where} says that {rate:.1%} of {n_test} contexts fail, but {n_kept} of the "
+            f"{N_KEPT} kept ones do"
         )
     if claim.reward != float(np.mean(claim.kept_rewards)):
         yield f"{where} says reward {claim.reward!r}, which is not the mean of the kept ones"
+
+
+def _as_many(n_kept: int, n_failures: int, n_test: int) -> tuple[float, float]:
+    """Return how probable at most, and at least, so many failures among the kept contexts are.
+
+    The kept contexts are the first ones of those that were drawn, which is a sample of them all.
+    """
+    drawn = hypergeom(n_test, n_failures, N_KEPT)
+    return float(drawn.cdf(n_kept)), float(drawn.sf(n_kept - 1))
 
 
 def _about_contexts(row: Row, evidence: Evidence, runs: Runs) -> Iterator[str]:
     """Yield runs whose context is not the one that their seed gives."""
     for claim, stored in zip(row.claims, evidence.contexts, strict=True):
         wanted = context_of(runs[claim.key])
-        if not np.array_equal(stored, wanted):
-            yield f"run {claim.key} is in the context {stored.tolist()}, not {wanted.tolist()}"
+        if stored.shape != wanted.shape:
+            yield f"run {claim.key} has contexts of shape {stored.shape}, not {wanted.shape}"
+        elif not np.array_equal(stored, wanted):
+            said, true = np.atleast_2d(stored), np.atleast_2d(wanted)
+            first = int(np.flatnonzero((said != true).any(axis=1))[0])
+            yield (
+                f"run {claim.key} is in the context {said[first].tolist()}, not "
+                f"{true[first].tolist()}"
+            )
 
 
 def context_of(run: RunSpecification) -> np.ndarray:
