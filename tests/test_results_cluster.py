@@ -92,6 +92,7 @@ def test_work_of_a_node_that_goes_away_is_done_elsewhere(nodes: Any, tmp_path: P
         while len(began.read_text()) < 3:
             time.sleep(0.1)
         nodes.remove_node(added, allow_graceful=False)
+        time.sleep(4.0)  # its processes end with it
         gone.touch()
 
     with cluster.connected() as ray_there:
