@@ -67,6 +67,9 @@ test-latest: $(LATEST)/installed ## tests and doctests with the newest MuJoCo, i
 	$(LATEST)/bin/pytest -n auto --maxprocesses $(WORKERS)
 
 $(OLDEST)/installed: pyproject.toml constraints-oldest.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || { \
+	    echo "The oldest versions have wheels for Python 3.11, but '$(PYTHON)' is" \
+	        "$$($(PYTHON) --version 2>&1). Name another: make PYTHON=python3.11 test-oldest" >&2; exit 1; }
 	@echo "Installing the oldest versions that pyproject.toml allows in $(OLDEST) (a minute or more)."
 	@$(PYTHON) -m venv $(OLDEST)
 	@$(OLDEST)/bin/python -m pip install --quiet --disable-pip-version-check --upgrade \
@@ -74,7 +77,7 @@ $(OLDEST)/installed: pyproject.toml constraints-oldest.txt
 	@touch $@
 
 # Warnings are no errors here: old packages are used by newer ones in ways that are deprecated now.
-test-oldest: $(OLDEST)/installed ## tests and doctests with the oldest versions, in .venv-oldest
+test-oldest: $(OLDEST)/installed ## tests and doctests with the oldest dependencies, in .venv-oldest
 	$(OLDEST)/bin/pytest -n auto --maxprocesses $(WORKERS) -o filterwarnings=default
 
 $(DOCS_STAMP): $(STAMP)

@@ -17,6 +17,7 @@ from sb3_nmp import FileFormatError, TrajectoryAlgorithm
 ENDINGS = (".gif", ".mp4", ".png")
 SIZE = (480, 360)  # pixels
 FASTEST = 50.0  # pictures in a second of a film: more cannot be told apart, and .gif has no more
+SPEEDS = (0.01, 100.0)
 MARGIN = 8  # pixels from the corner to what is written there
 
 Frames = list[NDArray[np.uint8]]
@@ -51,7 +52,7 @@ class Look:
     :param camera: by its name in the task's model; None takes the task's own
     :param size: width and height of a picture, in pixels
     :param speed: of a film, 1 is that of the rollout; another factor is written on the pictures
-    :raises BenchmarkError: a speed that is not positive
+    :raises BenchmarkError: a speed outside `SPEEDS`
     """
 
     camera: str | None = None
@@ -60,9 +61,11 @@ class Look:
 
     def __post_init__(self) -> None:
         """Check the speed."""
-        if not (np.isfinite(self.speed) and self.speed > 0):
+        low, high = SPEEDS
+        if not low <= self.speed <= high:
             raise BenchmarkError(
-                f"--speed is {self.speed}; it must be > 0: 1 is as fast as the rollout, 0.5 half."
+                f"--speed is {self.speed}; it must be between {low} and {high}: 1 is as fast as "
+                "the rollout, 0.5 half."
             )
 
 
@@ -77,6 +80,8 @@ def render_rollout(request: RenderRequest, out: Path, look: Look = Look()) -> No
     """
     if out.suffix not in ENDINGS:
         raise BenchmarkError(f"--out is '{out}'; its ending must be one of {', '.join(ENDINGS)}.")
+    if out.suffix == ".png" and look.speed != 1.0:
+        raise BenchmarkError(f"--speed goes with films, and '{out}' is a sheet of pictures.")
     task, context, trajectory = chosen_rollout(request)
     width, height = look.size
     named = {} if look.camera is None else {"camera": look.camera}
@@ -174,7 +179,9 @@ def write_film(frames: Frames, out: Path, per_second: float, speed: float = 1.0)
     shown = [_with_speed(frame, speed) for frame in frames[::stride]]
     if out.suffix == ".gif":
         first, *rest = [Image.fromarray(frame) for frame in shown]
-        first.save(out, save_all=True, append_images=rest, duration=round(1000 / rate), loop=0)
+        ends = np.round(100 / rate * np.arange(len(shown) + 1)).astype(int)  # its unit is 10 ms
+        durations = (10 * np.diff(ends)).tolist()
+        first.save(out, save_all=True, append_images=rest, duration=durations, loop=0)
         return
     try:
         imageio = import_module("imageio.v3")

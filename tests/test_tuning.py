@@ -17,7 +17,7 @@ from results.exceptions import BenchmarkError
 from results.harness.protocol import Protocol
 from results.suites import find_recipe
 from results.tuning import rows, study
-from results.tuning.contexts import TuningContext
+from results.tuning.contexts import TuningContext, tuning_contexts
 from results.tuning.study import StudySummary, Trial, TuningPlan, tune, with_settings
 from sb3_nmp import RCNMP, ConfigurationError, Demonstrations
 from sb3_nmp.common.tuning import Choice, Range, arguments_of, default_of
@@ -133,13 +133,24 @@ def test_rows_take_the_best_settings_of_the_committed_studies(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(rows, "STUDIES", tmp_path)
-    assert rows.tuned_rows("rivals", RECIPE) == {}
+    assert rows.tuned_rows("rivals", RECIPE.algorithms) == {}
     trials = (Trial({}, 5.0), Trial({"epsilon": 2.5}, 3.0))
     StudySummary("REPS", "reps", PLAN, {}, trials).write(tmp_path)
-    found = rows.tuned_rows("rivals", RECIPE)
+    found = rows.tuned_rows("rivals", RECIPE.algorithms)
     assert list(found) == ["REPS, tuned"]
     assert found["REPS, tuned"].settings["epsilon"] == 2.5
     assert "the best of 2 trials" in found["REPS, tuned"].description
+    StudySummary("REPS", "reps", PLAN, {}, trials[:1]).write(tmp_path)
+    assert rows.tuned_rows("rivals", RECIPE.algorithms) == {}  # the suite's own are the best
+    study.study_path(tmp_path, "rivals", "REPS").write_text('{"best": ')
+    with pytest.raises(BenchmarkError, match=r"reps.json' is no study that can be read"):
+        rows.tuned_rows("rivals", RECIPE.algorithms)
+
+
+def test_tuning_keeps_what_a_suite_has_set_but_for_what_is_tuned() -> None:
+    thesis = find_recipe("push").algorithms["ACNMP (thesis)"]
+    tuned = with_settings(thesis, {"exploration.radius": 0.9}).settings["exploration"]
+    assert tuned == replace(thesis.settings["exploration"], radius=0.9)
 
 
 def test_every_algorithm_has_as_many_trials_and_the_first_is_the_suites(
@@ -201,6 +212,11 @@ def test_what_cannot_be_tuned_is_refused() -> None:
         TuningPlan.of("rivals", RECIPE, [1000], 3, measure="luck")  # type: ignore[arg-type]
     with pytest.raises(BenchmarkError, match="nmp/Bottles-v0 has no tuning contexts"):
         TuningContext(0).split("nmp/Bottles-v0")
+    with pytest.raises(BenchmarkError, match="nmp/Bottles-v0 has no tuning contexts"):
+        tuning_contexts("nmp/Bottles-v0")
+    for number in (-1, 4):
+        with pytest.raises(BenchmarkError, match=f"no tuning context {number}; .* 0 to 3"):
+            TuningContext(number).split("nmp/Push-v0")
     with pytest.raises(BenchmarkError, match="n_trials is 0"):
         TuningPlan.of("rivals", RECIPE, [1000], 0)
     best = StudySummary("a", "a", PLAN, {}, (Trial({}, None), Trial({"x": 1}, 2.0))).best

@@ -70,19 +70,29 @@ class TuningContext(Adaptation):
         """Return the demonstrated contexts, and the one of this number.
 
         :param task_id: of the task
-        :raises BenchmarkError: the task has no such contexts
+        :raises BenchmarkError: the task has no such context
         """
-        if task_id not in SPLITS:
+        shown, beyond = _split(task_id)
+        if not 0 <= self.target < len(beyond):
             raise BenchmarkError(
-                f"{task_id} has no tuning contexts; these have some: {', '.join(SPLITS)}."
+                f"{task_id} has no tuning context {self.target}; they are numbered 0 to "
+                f"{len(beyond) - 1}."
             )
-        shown, beyond = SPLITS[task_id]
         return shown.copy(), beyond[self.target].copy()
+
+
+def _split(task_id: str) -> tuple[FloatArray, FloatArray]:
+    if task_id not in SPLITS:
+        raise BenchmarkError(
+            f"{task_id} has no tuning contexts; these have some: {', '.join(SPLITS)}."
+        )
+    return SPLITS[task_id]
 
 
 def tuning_contexts(task_id: str) -> tuple[TuningContext, ...]:
     """Return all of a task.
 
     :param task_id: of the task
+    :raises BenchmarkError: it has none
     """
-    return tuple(TuningContext(number) for number in range(len(SPLITS[task_id][1])))
+    return tuple(TuningContext(number) for number in range(len(_split(task_id)[1])))

@@ -1,34 +1,46 @@
 """Rows of tables whose settings the committed studies have found."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from results.exceptions import BenchmarkError
 from results.harness.specification import Algorithm
-from results.harness.suite import Recipe
 from results.tuning.study import study_path, with_settings
 
 #: that are committed
 STUDIES = Path(__file__).parent / "studies"
 
 
-def tuned_rows(suite: str, recipe: Recipe) -> dict[str, Algorithm]:
-    """Return a suite's algorithms with the best settings of their committed studies, by label.
+def tuned_rows(suite: str, algorithms: Mapping[str, Algorithm]) -> dict[str, Algorithm]:
+    """Return algorithms with the best settings of their committed studies, by label.
+
+    What no study has made better is left out: its row would be the suite's own.
 
     >>> from results.suites import find_recipe
-    >>> "random search, tuned" in tuned_rows("rivals", find_recipe("rivals"))
+    >>> "TuRBO, tuned" in tuned_rows("rivals", find_recipe("rivals").algorithms)
     True
 
     :param suite: its name
-    :param recipe: what it is made of
+    :param algorithms: of the suite, by label
+    :raises BenchmarkError: a study that cannot be read
     """
     rows = {}
-    for label, algorithm in recipe.algorithms.items():
+    for label, algorithm in algorithms.items():
         path = study_path(STUDIES, suite, label)
         if not path.exists():
             continue
-        study = json.loads(path.read_text(encoding="utf-8"))
-        best = with_settings(algorithm, study["best"]["chosen"])
-        told = f"{algorithm.description}; the best of {len(study['trials'])} trials"
-        rows[f"{label}, tuned"] = replace(best, description=told)
+        try:
+            study = json.loads(path.read_text(encoding="utf-8"))
+            chosen, n_trials = study["best"]["chosen"], len(study["trials"])
+        except (ValueError, KeyError, TypeError) as error:
+            raise BenchmarkError(
+                f"'{path}' is no study that can be read ({error!r}): restore it from the "
+                "repository, or make it anew with nmp-bench tune."
+            ) from error
+        if chosen and study["best"]["cost"] is not None:
+            told = f"{algorithm.description}; the best of {n_trials} trials"
+            tuned = with_settings(algorithm, chosen)
+            rows[f"{label}, tuned"] = replace(tuned, description=told)
     return rows

@@ -8,8 +8,7 @@ trial are the settings that the suite has, so that tuning can only be a gain on 
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
-from dataclasses import fields as dataclass_fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -78,9 +77,9 @@ class TuningPlan:
     @property
     def record(self) -> dict[str, Any]:
         """Its fields as JSON values."""
-        fields = {f.name: plain(getattr(self, f.name)) for f in dataclass_fields(self)[:-2]}
         where = [[each.name, each.number] for each in self.protocols]
-        return {**fields, "protocols": where, "measure": self.measure}
+        names = [each.name for each in fields(self) if each.name != "protocols"]
+        return {name: plain(getattr(self, name)) for name in names} | {"protocols": where}
 
     @property
     def n_runs(self) -> int:
@@ -313,7 +312,7 @@ def with_settings(algorithm: Algorithm, chosen: dict[str, Value]) -> Algorithm:
     :param algorithm: as the suite has it
     :param chosen: by the names of its search space
     """
-    made = arguments_of(algorithm.load(), chosen)
+    made = arguments_of(algorithm.load(), chosen, algorithm.settings)
     return replace(algorithm, settings={**algorithm.settings, **made})
 
 

@@ -55,7 +55,9 @@ class Choice:
 SearchSpace = Mapping[str, Range | Choice]
 
 
-def arguments_of(algorithm: type, chosen: Mapping[str, Value]) -> dict[str, Any]:
+def arguments_of(
+    algorithm: type, chosen: Mapping[str, Value], given: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
     """Return constructor arguments of chosen values.
 
     >>> from sb3_nmp import RCNMP
@@ -65,22 +67,24 @@ def arguments_of(algorithm: type, chosen: Mapping[str, Value]) -> dict[str, Any]
     :param algorithm: whose constructor has them
     :param chosen: by the names of a `SearchSpace`; where a default is None, fields are those of a
         dictionary
+    :param given: arguments whose fields are kept but for the chosen ones; else the defaults' are
     :raises ConfigurationError: the constructor has no such argument, or its default no such field
     """
-    made: dict[str, Any] = {}
+    before, made = given or {}, dict[str, Any]()
     for name, value in chosen.items():
         argument, _, field = name.partition(".")
         if not field:
             made[argument] = value
             continue
-        settings = made.get(argument, default_of(algorithm, argument))
+        default = before.get(argument, default_of(algorithm, argument))
+        settings = made.get(argument, default)
         if settings is None or isinstance(settings, Mapping):
             made[argument] = {**(settings or {}), field: value}
             continue
         if not is_dataclass(settings) or isinstance(settings, type) or not hasattr(settings, field):
             raise ConfigurationError(
-                f"'{name}' cannot be set: the default of {algorithm.__name__}'s {argument} is "
-                f"{settings!r}, which has no field '{field}'."
+                f"'{name}' cannot be set: {algorithm.__name__}'s {argument} is {settings!r}, which "
+                f"has no field '{field}'."
             )
         made[argument] = replace(settings, **{field: value})
     return made
