@@ -1,5 +1,6 @@
 """The leaderboard as a page of tables."""
 
+import re
 from collections.abc import Sequence
 
 from results.harness.records import Provenance
@@ -8,6 +9,7 @@ from results.leaderboard.rows import Row
 from results.report.footnotes import EXPECTED_NOTE
 from results.report.own_answer import SIGNS
 from results.report.text_table import NOT_APPLICABLE, Cell, Page, Section, TextTable
+from results.tuning.rows import TRIALS
 
 HEADER = (
     "algorithm",
@@ -16,6 +18,7 @@ HEADER = (
     "expected\nrollouts",
     "final reward\nIQM",
     "fail\n%",
+    "trials",
     "sees",
     "commit",
 )
@@ -28,6 +31,8 @@ NOTES = (
     "over many contexts the mean over those whose trajectories are kept. fail: share of all unseen "
     "contexts in the end. sees: R reward, S success, T the reward's terms, P step rewards, A "
     "achieved contexts, D demonstrations.",
+    "trials: settings that a study tried, as many for each algorithm, on other seeds and contexts "
+    "(nmp-bench tune); a dash where the settings are the suite's.",
     "'nmp-bench leaderboard verify' simulates the trajectories that earned the rows, over many "
     "contexts those of the first 25; 'check' does runs again.",
 )
@@ -65,9 +70,16 @@ def _cells(row: Row) -> tuple[Cell, ...]:
         (NOT_APPLICABLE, "")
         if row.failure_rate is None
         else _with_interval(tuple(100 * rate for rate in row.failure_rate), ".1f"),
+        (_trials(row), ""),
         (sees or NOT_APPLICABLE, ""),
         (commit[:10] + ("*" if row.provenance.dirty else ""), ""),
     )
+
+
+def _trials(row: Row) -> str:
+    """Return how many settings the study of a row tried, as its description tells."""
+    told = re.search(TRIALS.format(r"(\d+)"), row.description)
+    return told[1] if told else NOT_APPLICABLE
 
 
 def _with_interval(values: Sequence[float], form: str) -> Cell:

@@ -11,6 +11,8 @@ from results.tuning.study import study_path, with_settings
 
 #: that are committed
 STUDIES = Path(__file__).parent / "studies"
+#: what a tuned row's description says of its study
+TRIALS = "the best of {} trials"
 
 
 def tuned_rows(suite: str, algorithms: Mapping[str, Algorithm]) -> dict[str, Algorithm]:
@@ -40,7 +42,7 @@ def tuned_rows(suite: str, algorithms: Mapping[str, Algorithm]) -> dict[str, Alg
                 "repository, or make it anew with nmp-bench tune."
             ) from error
         if chosen and study["best"]["cost"] is not None:
-            told = f"{algorithm.description}; the best of {n_trials} trials"
+            told = f"{algorithm.description}; {TRIALS.format(n_trials)}"
             tuned = with_settings(algorithm, chosen)
             rows[f"{label}, tuned"] = replace(tuned, description=told)
     return rows
