@@ -73,7 +73,7 @@ $(OLDEST)/installed: pyproject.toml constraints-oldest.txt
 	@echo "Installing the oldest versions that pyproject.toml allows in $(OLDEST) (a minute or more)."
 	@$(PYTHON) -m venv $(OLDEST)
 	@$(OLDEST)/bin/python -m pip install --quiet --disable-pip-version-check --upgrade \
-	    -c constraints-oldest.txt -e '.[contrib,dev]'
+	    -c constraints-oldest.txt -e '.[contrib,dev,robotics]'
 	@touch $@
 
 # Warnings are no errors here: old packages are used by newer ones in ways that are deprecated now.

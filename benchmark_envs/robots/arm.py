@@ -148,7 +148,8 @@ class Arm:
         data.qpos[:] = self.start
         mujoco.mj_forward(model, data)
         inertia = np.zeros((model.nv, model.nv))
-        mujoco.mj_fullM(model, data, inertia)
+        for column, unit in zip(inertia, np.eye(model.nv), strict=True):
+            mujoco.mj_mulM(model, data, column, unit)
         fast = 2 * np.pi * SERVO_HZ
         for name, mass in zip(self.joints, np.diag(inertia), strict=True):
             joint = spec.joint(name)

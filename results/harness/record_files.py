@@ -60,7 +60,7 @@ def read_record(path: Path) -> RunRecord:
         found = msgspec.json.decode(text, type=_Versioned).format
         if found == FORMAT:
             return msgspec.json.decode(text, type=RunRecord)
-    except (OSError, ValueError) as error:  # msgspec's errors are ValueErrors
+    except (OSError, ValueError, msgspec.MsgspecError) as error:
         raise RecordError(
             f"'{path}' is no readable run ({error}): a folder of runs holds JSON files that "
             "'nmp-bench run' wrote. Remove the file; the same command then does its run again."

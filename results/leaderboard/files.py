@@ -77,7 +77,7 @@ def read_row(path: Path) -> tuple[Row, Evidence, str]:
         content = msgspec.json.decode(text, type=_File)
         with np.load(path.with_suffix(".npz"), allow_pickle=False) as arrays:
             found = {name: arrays[name] for name in arrays.files}
-    except (OSError, ValueError, BadZipFile) as error:  # msgspec's errors are ValueErrors
+    except (OSError, ValueError, msgspec.MsgspecError, BadZipFile) as error:
         raise RecordError(
             f"'{path}' is no readable row of the leaderboard, with its .npz beside it ({error}): "
             "restore both from the repository, or make the row anew with 'nmp-bench leaderboard "

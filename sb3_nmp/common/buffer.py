@@ -161,7 +161,8 @@ class TrajectoryBuffer:
         except FileFormatError as error:
             raise FileFormatError(
                 f"{path} is not a trajectory buffer (.npz with {', '.join(FILE_KEYS)}, written by "
-                f"save_replay_buffer; pickles are not read): {error}"
+                f"save_replay_buffer; pickles are not read): {error}".rstrip(".")
+                + "."
             ) from error
         loaded = TrajectoryBuffer(
             self._contexts.shape[1], self._trajectories.shape[1:], self.capacity, self.n_elites
