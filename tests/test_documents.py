@@ -92,8 +92,8 @@ def run_shell(cell: str) -> None:
 @pytest.mark.filterwarnings("ignore:rich is experimental")
 @pytest.mark.parametrize(("name", "block"), BLOCKS)
 def test_a_block_of_code_runs_as_pasted(name: str, block: str) -> None:
-    if name in NEEDS:
-        pytest.importorskip(NEEDS[name])
+    if name in NEEDS and find_spec(NEEDS[name]) is None:  # importing it would register its tasks
+        pytest.skip(f"{NEEDS[name]} is not installed")
     execute(block, {"__name__": "__main__"})
 
 
