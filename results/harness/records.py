@@ -28,6 +28,11 @@ class ProtocolRecord:
     number: int | None = None
     kind: str = ""
 
+    @property
+    def shared(self) -> "ProtocolRecord":
+        """It without the run's own context: the same for all runs that are compared."""
+        return ProtocolRecord(self.name, self.settings)
+
 
 @dataclass(frozen=True)
 class SuiteRecord:

@@ -228,7 +228,7 @@ def make_row(
         _check_same_origin(board, first, record)
     row = Row(
         board, asked.label, asked.description, asked.algorithm, asked.settings, asked.task,
-        ProtocolRecord(asked.protocol.name, asked.protocol.settings), asked.budget, first.sees,
+        asked.protocol.shared, asked.budget, first.sees,
         first.provenance, claims,
     )  # fmt: skip
     return row, _evidence(runs)

@@ -9,7 +9,7 @@ must be done again, which `check` does.
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -21,7 +21,6 @@ from results.exceptions import RecordError
 from results.harness.environments import RunTask
 from results.harness.machine import machine
 from results.harness.provenance import provenance
-from results.harness.records import ProtocolRecord
 from results.harness.specification import RunSpecification, plain
 from results.leaderboard.boards import BOARDS, Board
 from results.leaderboard.files import digest, read_row
@@ -106,10 +105,9 @@ def _about_files(
         return
     runs = _runs(row, boards[row.board])
     wanted = next(iter(runs.values())).record
+    wanted = replace(wanted, protocol=wanted.protocol.shared)
     for name in ("algorithm", "settings", "task", "budget", "protocol"):
         said, asked = getattr(row, name), getattr(wanted, name)
-        if name == "protocol":
-            asked = ProtocolRecord(asked.name, asked.settings)
         if said != asked:
             yield f"its {name} is {said}, but the board asks for {asked}"
     keys = [claim.key for claim in row.claims]
