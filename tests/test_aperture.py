@@ -1,5 +1,6 @@
 """The aperture task: contexts, clearance, reward, the solid wall and the expert."""
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -123,6 +124,10 @@ def test_the_wall_stops_the_robot(task: ApertureTask) -> None:
     assert not rollouts.successes[0]
 
 
+#: of the robot's centre in the wall, in m; the oldest MuJoCo that is allowed yields a little more
+DEEPEST = 0.5 if mujoco.mj_versionString() == "3.3.6" else 0.4
+
+
 def test_no_set_points_drive_the_robot_through_the_wall(task: ApertureTask) -> None:
     contexts = draw_contexts(task, 200)
     rng = np.random.default_rng(1)
@@ -134,7 +139,7 @@ def test_no_set_points_drive_the_robot_through_the_wall(task: ApertureTask) -> N
         executed = task.simulate(contexts, trajectories).executed
         x, y = np.moveaxis(executed - contexts[:, None, :2], 2, 0)
         depth = np.minimum(1 - np.abs(x), np.abs(y) - 1)  # of the centre
-        assert depth.max() < 0.5  # 0.45 with MuJoCo 3.3.6, less with newer ones
+        assert depth.max() < DEEPEST
         crosses = (x[:, 1:] > 0) != (x[:, :-1] > 0)
         assert (np.abs(y[:, 1:][crosses]) < 1.4).all(), "only ever through the opening"
 

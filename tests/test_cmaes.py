@@ -127,7 +127,7 @@ class TestAlgorithm:
     def test_it_learns_the_bottles_from_the_initial_trajectory(self) -> None:
         """Half of the seeds do, whichever version of cma is used."""
         models = [make(n_bases=8, population_size=10, seed=seed).learn(600) for seed in range(4)]
-        assert any(model.searches[0].solution is not None for model in models)
+        assert sum(model.searches[0].solution is not None for model in models) >= 2
 
     def test_demonstrations_are_learned_before_the_first_rollout(self) -> None:
         shown = Demonstrations.from_task(ENV_ID, 2, seed=0)

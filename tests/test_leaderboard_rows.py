@@ -26,6 +26,8 @@ ROWS = row_paths(DATA)
 
 @pytest.mark.parametrize("path", ROWS, ids=lambda path: f"{path.parent.name}/{path.stem}")
 def test_todays_program_is_no_worse_than_the_row(path: Path) -> None:
+    if BOARDS[path.parent.name].n_checked == 0:
+        pytest.skip("its runs take too long to do enough of them again; the next test has one")
     (judged,) = judgements(BOARDS, [path], 1, len(ROWS))
     assert not judged.worse(), judged.sentence()
 

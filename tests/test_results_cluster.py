@@ -104,7 +104,7 @@ def test_work_of_a_node_that_goes_away_is_done_elsewhere(nodes: Any, tmp_path: P
     assert len(began.read_text()) == 4
 
 
-def test_a_cluster_that_goes_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cluster_that_goes_is_told() -> None:
     class Going:
         exceptions = ray.exceptions
 
