@@ -100,8 +100,8 @@ TWINS = {
 }
 #: settings of ACNMP without a critic: the policy gradient moves the network, the search follows it
 NETWORK_DRIVES: dict[str, object] = {"search": "policy", "population_size": 5}
-#: setting of a critic that does not see the reward's terms
-SUM_ALONE: dict[str, object] = {"critic": ACNMPCritic(terms=False)}
+#: setting of a critic that sees the reward's sum alone
+SUM_ALONE: dict[str, object] = {"critic": ACNMPCritic(terms=False, achieved=False)}
 #: setting of a search that starts from the policy's answer alone
 ONE_START: dict[str, object] = {"critic": ACNMPCritic(other_starts=())}
 #: ACNMP without its network, and all else as it is: the starts that regressions give

@@ -11,7 +11,7 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv
 
 from baselines.bayesian.policies import BOPolicy
-from sb3_nmp.bayesian.search import CriticSearch, Subspace
+from sb3_nmp.bayesian.search import CriticSearch, Subspace, any_aims
 from sb3_nmp.bayesian.settings import SEARCH_SPACE, ACNMPCritic, ShapedExploration
 from sb3_nmp.bayesian.shaped_noise import shaped_directions
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
@@ -57,7 +57,7 @@ class BO(AdaptiveAlgorithm):
         critic: ACNMPCritic = ACNMPCritic(),  # noqa: B008 (frozen)
         **shared: Unpack[AdaptiveArguments],
     ) -> None:
-        self.exploration, self.critic = exploration, critic
+        self.exploration, self.critic, self.has_aimed = exploration, critic, False
         super().__init__(
             policy,
             env,
@@ -69,9 +69,13 @@ class BO(AdaptiveAlgorithm):
 
     @property
     def information(self) -> frozenset[Information]:
-        """Terms besides, where the critic sees them."""
-        terms = {Information.TERMS} if self.critic.terms else set[Information]()
-        return super().information | terms
+        """What the critic sees besides."""
+        told = set(super().information)
+        if self.critic.terms:
+            told.add(Information.TERMS)
+        if self.has_aimed:
+            told.add(Information.ACHIEVED_CONTEXTS)
+        return frozenset(told)
 
     def _rules(self) -> Rules:
         shaped = type(self.exploration) is ShapedExploration and self.exploration.noise > 0
@@ -91,8 +95,10 @@ class BO(AdaptiveAlgorithm):
         along = shaped_directions(self.exploration, self.first_scale(), shown)
         answer = self.policy.known.answer(context[None])[0]
         starts = self._other_starts(context, answer, self.critic.other_starts)
-        return CriticSearch(Subspace(answer, along), self.exploration.radius, self.critic, starts)
+        space, unit = Subspace(answer, along), self._context_unit()
+        return CriticSearch(space, self.exploration.radius, self.critic, starts, unit)
 
     def _adapt(self, searched: list[ContextSearch], solved: list[ContextSearch]) -> None:
+        self.has_aimed = self.has_aimed or any_aims(searched)
         if solved:
             self._learn(self.training_set())

@@ -14,9 +14,11 @@ from results.algorithms import (
     RCNMP,
     REPS,
     STARK,
+    SUM_ALONE,
     TWINS,
     hand_tuned,
     thesis_acnmp,
+    twin,
     twins,
 )
 from results.harness.suite import Recipe
@@ -31,9 +33,11 @@ CMAES_CONTEXT = replace(CMAES, settings={"n_bases": 4, "context_std": 0.3, "shap
 ALGORITHMS = {
     "ACNMP": ACNMP,
     "ACNMP, network drives": replace(ACNMP, settings=NETWORK_DRIVES | {"exploration": EXPLORATION}),
+    "ACNMP, sum alone": replace(ACNMP, settings=SUM_ALONE),
     "ACNMP, one start": replace(ACNMP, settings=ONE_START),
     "twin, all starts": ALL_STARTS,
     **twins(*TWINS),
+    "twin, nearest, sum alone": twin("nearest", **SUM_ALONE),
     **hand_tuned(population_size=3, n_bases=4, shaped=0.99),
     "ACNMP (thesis)": thesis_acnmp(),
     "CMA-ES residual": replace(

@@ -16,7 +16,7 @@ from sb3_nmp.acnmp.losses import advantages, policy_gradient_loss
 from sb3_nmp.acnmp.policy import ACNMPPolicy
 from sb3_nmp.acnmp.search import PolicySearch
 from sb3_nmp.acnmp.settings import ACNMPAdaptation, ACNMPExploration
-from sb3_nmp.bayesian.search import CriticSearch, Subspace
+from sb3_nmp.bayesian.search import CriticSearch, Subspace, any_aims
 from sb3_nmp.bayesian.settings import SEARCH_SPACE, ACNMPCritic
 from sb3_nmp.common import files
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
@@ -59,8 +59,8 @@ class ACNMP(AdaptiveAlgorithm):
     two; the policy gradient weighs all rollouts of the context by their place instead of the last
     ones by their advantage; how far is explored adapts as a trust region does. What each part
     brings is measured in ``results/experiments/acnmp.md``. The critic reads the reward's terms
-    (``info["reward_<term>"]``) where the environment tells them, unless
-    ``ACNMPCritic(terms=False)``.
+    (``info["reward_<term>"]``) and what a rollout achieved (``info["achieved_context"]``) where the
+    environment tells them, unless ``ACNMPCritic(terms=False, achieved=False)``.
 
     >>> import benchmark_envs
     >>> shown = Demonstrations.from_task("nmp/Bottles-v0", 3, seed=0)
@@ -104,7 +104,7 @@ class ACNMP(AdaptiveAlgorithm):
         self.search: SearchKind = search
         self.exploration, self.critic = exploration, critic
         self.adaptation, self.pretraining = adaptation, pretraining
-        self.is_pretrained = False
+        self.is_pretrained = self.has_aimed = False
         super().__init__(
             policy,
             env,
@@ -117,10 +117,12 @@ class ACNMP(AdaptiveAlgorithm):
 
     @property
     def information(self) -> frozenset[Information]:
-        """Terms besides for a critic that sees them; step rewards for the advantages they make."""
+        """What the critic sees besides, and step rewards for the advantages they make."""
         settings, told = self.adaptation, set(super().information)
         if self.search == "critic" and self.critic.terms:
             told.add(Information.TERMS)
+        if self.has_aimed:
+            told.add(Information.ACHIEVED_CONTEXTS)
         if settings.n_training_steps > 0 and settings.advantage != "place":
             told.add(Information.STEP_REWARDS)
         return frozenset(told)
@@ -238,7 +240,8 @@ class ACNMP(AdaptiveAlgorithm):
         if self.search == "policy":
             return PolicySearch(space, self.exploration)
         starts = self._other_starts(row, answer, self.critic.other_starts)
-        return CriticSearch(space, self.exploration.radius, self.critic, starts)
+        unit = self._context_unit()
+        return CriticSearch(space, self.exploration.radius, self.critic, starts, unit)
 
     def _shown_like(self, context: NDArray[np.float64]) -> Demonstrations:
         """Return the demonstrations of the mode in which the network answers a context (C,)."""
@@ -253,6 +256,7 @@ class ACNMP(AdaptiveAlgorithm):
 
     def _adapt(self, searched: list[ContextSearch], solved: list[ContextSearch]) -> None:
         policy, settings = self.policy, self.adaptation
+        self.has_aimed = self.has_aimed or any_aims(searched)
         improving = [each for each in searched if self._teaches(each)]
         n_gradients = settings.n_training_steps if improving else 0
         n_steps = n_gradients + (settings.n_assimilation_steps if solved else 0)

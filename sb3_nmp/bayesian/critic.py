@@ -15,6 +15,9 @@ from sb3_nmp.common.rollouts import Generation
 
 FloatArray = NDArray[np.float64]
 
+#: rollouts at most from which a critic that aims predicts: those that achieved the nearest
+N_AIMED = 12
+
 
 def normal_scores(rewards: FloatArray) -> FloatArray:
     """Return rewards by rank as quantiles of N(0, 1), shape (N,): outliers and units do not matter.
@@ -37,12 +40,15 @@ class Critic:
     2019). Two costs of which at most one is paid at a time (too little and too much) are the two
     sides of one error: their signed difference is smooth where it passes zero, and tells on which
     side of a rollout to look. Of any other cost the square is predicted, which is smooth where the
-    cost is a distance. A reward that is no such sum is predicted by its normal scores.
+    cost is a distance. Where the reward is no such sum, but rollouts tell which context they
+    achieved, the signed errors are what that lacks of the context in which they were made, entry by
+    entry: the search aims. A reward that tells nothing more is predicted by its normal scores.
 
-    :param whole: of the reward's normal scores, if it is no sum of costs
+    :param whole: of the reward's normal scores, if nothing else is known
     :param squares: of minus the squared costs
     :param signed: of the signed errors
-    :param to_gain: how far a reward can rise at most: the best rollout's costs, or 1 for scores
+    :param to_gain: how far a reward can rise at most: the best rollout's costs or misses, or 1 for
+        scores
     """
 
     whole: GaussianProcess | None
@@ -57,6 +63,7 @@ class Critic:
         rollouts: Generation,
         hypotheses: Hypotheses,
         chosen: tuple[Hypotheses, ...] = (),
+        unit: FloatArray | None = None,
     ) -> "Critic":
         """Fit the Gaussian processes.
 
@@ -65,20 +72,26 @@ class Critic:
         :param hypotheses: for the evidence to choose from
         :param chosen: what an earlier critic's processes chose, which saves the choice; without
             effect where there are more or fewer of them now
+        :param unit: of each entry of the context; 1 by default
         """
         costs = varying_costs(rollouts)
-        is_sum = len(costs) >= 2
-        alone, signed = two_sided(costs) if is_sum else ([], [])
-        squares = [-(cost**2) for cost in alone]
-        targets = [*squares, *signed] if is_sum else [normal_scores(rollouts.rewards)]
+        squares, signed, to_gain = [], [], 1.0
+        if len(costs) >= 2:
+            alone, signed = two_sided(costs)
+            squares, to_gain = [-(cost**2) for cost in alone], -float(rollouts.rewards.max())
+        elif tells_misses(rollouts):
+            rows, misses = nearest_misses(rollouts, unit)
+            points, signed = points[rows], [miss for miss in misses.T if np.ptp(miss) > 0]
+            to_gain = float(np.abs(misses).sum(axis=1).min())
+        targets = [*squares, *signed] or [normal_scores(rollouts.rewards)]
         known = chosen if len(chosen) == len(targets) else [hypotheses] * len(targets)
         fitted = tuple(
             GaussianProcess.fit(points, *each) for each in zip(targets, known, strict=True)
         )
-        if not is_sum:
+        if not squares and not signed:
             return cls(fitted[0])
         n = len(squares)
-        return cls(None, fitted[:n], fitted[n:], -float(rollouts.rewards.max()))
+        return cls(None, fitted[:n], fitted[n:], to_gain)
 
     @property
     def chosen(self) -> tuple[Hypotheses, ...]:
@@ -135,6 +148,35 @@ def varying_costs(rollouts: Generation) -> list[FloatArray]:
     if any((cost < 0).any() for cost in costs) or not np.allclose(known, -rollouts.rewards):
         return []
     return [cost for cost in costs if np.ptp(cost) > 0]
+
+
+def tells_misses(rollouts: Generation) -> bool:
+    """Return whether what rollouts achieved tells how they missed the context they were made in.
+
+    :param rollouts: N of them
+    """
+    if rollouts.achieved is None:
+        return False
+    misses = (rollouts.achieved - rollouts.contexts)[np.isfinite(rollouts.achieved).all(axis=1)]
+    return len(misses) >= 2 and bool(np.ptp(misses, axis=0).any())
+
+
+def nearest_misses(
+    rollouts: Generation, unit: FloatArray | None = None
+) -> tuple[NDArray[np.intp], FloatArray]:
+    """Return the rows that achieved what is nearest, in order, and by how much they miss, (M, C).
+
+    Rollouts far off, such as those in which an object slips away, would spoil the prediction near
+    the context; so there are at most `N_AIMED`.
+
+    :param rollouts: N of them, in one context
+    :param unit: of each entry of the context, shape (C,); 1 by default
+    """
+    achieved = cast(FloatArray, rollouts.achieved)
+    misses = (achieved - rollouts.contexts) / (1.0 if unit is None else unit)
+    far = np.abs(misses).sum(axis=1)
+    rows = np.sort(np.argsort(far, kind="stable")[: min(N_AIMED, int(np.isfinite(far).sum()))])
+    return rows, misses[rows]
 
 
 def two_sided(costs: list[FloatArray]) -> tuple[list[FloatArray], list[FloatArray]]:

@@ -5,13 +5,15 @@ Shape letters: N rollouts, n coordinates, T time points, D dimensions of the tra
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_nmp.bayesian.critic import Critic
+from sb3_nmp.bayesian.critic import Critic, tells_misses, varying_costs
 from sb3_nmp.bayesian.gaussian_process import Hypotheses
 from sb3_nmp.bayesian.settings import ACNMPCritic
+from sb3_nmp.common.context_search import ContextSearch
 from sb3_nmp.common.rollouts import Generation
 from sb3_nmp.common.settings import saved_state
 
@@ -99,18 +101,20 @@ class CriticSearch:
     """Bayesian optimisation around a fixed trajectory, the policy's answer when it begins.
 
     The first trajectory is that answer. Others to start from may follow, such as the nearest
-    demonstration's: the search goes on around the one of largest reward. The rest of the first
-    generation is drawn around the answer. Later ones are the points of largest random upper
-    confidence bound (`Critic.draw_upper_bounds`) inside a trust region around the best rollout so
-    far, chosen one after the other by the Kriging believer. The bound is less a penalty on the
-    distance from where the search started (`ACNMPCritic.pull`): the demonstrations hold what a
-    reward does not tell.
+    demonstration's: the search goes on around the one of largest reward. Where the first rollout
+    tells what it achieved, no other start is tried: to aim from the answer takes fewer rollouts.
+    The rest of the first generation is drawn around the answer. Later ones are the points of
+    largest random upper confidence bound (`Critic.draw_upper_bounds`) inside a trust region around
+    the best rollout so far, chosen one after the other by the Kriging believer. The bound is less a
+    penalty on the distance from where the search started (`ACNMPCritic.pull`): the demonstrations
+    hold what a reward does not tell.
 
     :param space: with the policy's answer as origin
     :param radius: of the first generation, in standard deviations of the exploration
     :param settings: of the critic
     :param starts: other trajectories to start from, each of shape (T, D); empty once the search has
         chosen where to begin, for those that lost are forgotten
+    :param unit: of each entry of the context, shape (C,), in which it is told what was achieved
     :param points: coordinates of the rollouts so far, shape (N, n)
     :param rollouts: what is known of them, oldest generation first
     :param has_improved: whether the last generation has a new best rollout
@@ -122,6 +126,7 @@ class CriticSearch:
     radius: float
     settings: ACNMPCritic = field(default_factory=ACNMPCritic)
     starts: tuple[FloatArray, ...] = ()
+    unit: FloatArray | None = None
     points: FloatArray = field(init=False)
     rollouts: list[Generation] = field(default_factory=list)
     has_improved: bool = False
@@ -144,6 +149,33 @@ class CriticSearch:
     def rewards(self) -> FloatArray:
         """Of the rollouts so far, shape (N,)."""
         return np.concatenate([np.empty(0), *(part.rewards for part in self.rollouts)])
+
+    @property
+    def _seen(self) -> Generation:
+        """The rollouts so far, less what the critic is not to see."""
+        rollouts, hidden = Generation.concatenate(self.rollouts), dict[str, Any]()
+        if not self.settings.terms:
+            hidden["terms"] = {}
+        if not self.settings.achieved:
+            hidden["achieved"] = None
+        return replace(rollouts, **hidden)
+
+    @property
+    def _can_aim(self) -> bool:
+        """Whether the critic will go by what rollouts achieve, as far as the first ones tell."""
+        first = self.rollouts[0]
+        if not self.settings.achieved or first.achieved is None:
+            return False
+        has_terms = self.settings.terms and len(first.terms) >= 2
+        return not has_terms and bool(np.isfinite(first.achieved).all(axis=1).any())
+
+    @property
+    def aims(self) -> bool:
+        """Whether the critic goes by what rollouts achieved."""
+        if not self.settings.achieved or self.rollouts[-1].achieved is None:
+            return False
+        seen = self._seen
+        return len(varying_costs(seen)) < 2 and tells_misses(seen)
 
     def ask(self, n: int, rng: np.random.Generator) -> FloatArray:
         """Return trajectories to try, shape (n, T, D).
@@ -171,13 +203,12 @@ class CriticSearch:
 
     def _fit_critic(self) -> Critic:
         """Fit a critic to the best and the newest rollouts."""
-        rollouts, n = Generation.concatenate(self.rollouts), len(self.points)
-        if not self.settings.terms:
-            rollouts = replace(rollouts, terms={})
+        rollouts, n = self._seen, len(self.points)
         if n >= RECHOOSE * self._n_when_chosen:
             self._chosen, self._n_when_chosen = (), n
         rows = best_and_newest(rollouts.rewards, self.settings.n_remembered)
-        critic = Critic.fit(self.points[rows], rollouts[rows], self._hypotheses, self._chosen)
+        known = self._hypotheses, self._chosen, self.unit
+        critic = Critic.fit(self.points[rows], rollouts[rows], *known)
         self._chosen = critic.chosen
         return critic
 
@@ -209,6 +240,8 @@ class CriticSearch:
         self.rollouts.append(rollouts)
         self.has_improved = bool(rollouts.rewards.max() > before.max(initial=-np.inf))
         self.has_succeeded = self.has_succeeded or bool(rollouts.successes.any())
+        if self._can_aim:
+            self.starts = self.starts[: len(self.points) - 1]
         n_starts = 1 + len(self.starts)
         if len(before) >= max(2, n_starts):
             self.region.update(self.has_improved)
@@ -230,6 +263,14 @@ class CriticSearch:
         self.space, self.starts = Subspace(origin, self.space.directions), ()
         self.rollouts = [told[np.array(kept)]]
         self.points = self.space.coordinates(self.rollouts[0].trajectories)
+
+
+def any_aims(searched: list[ContextSearch]) -> bool:
+    """Return whether the critic of any search goes by what rollouts achieved.
+
+    :param searched: with a critic or without
+    """
+    return any(isinstance(each.search, CriticSearch) and each.search.aims for each in searched)
 
 
 def best_and_newest(rewards: FloatArray, n: int) -> NDArray[np.intp]:

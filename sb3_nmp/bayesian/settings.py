@@ -77,7 +77,8 @@ class ACNMPCritic:
     :param other_starts: regressions on what was right (`sb3_nmp.common.regression`) whose answers a
         search in a pinned context tries after the policy's, to go on around the best: beyond the
         demonstrations nobody knows beforehand which is nearest to a solution. An answer that equals
-        another is left out
+        another is left out, and all that were not tried yet are where a rollout tells what it
+        achieved
     :param pull: penalty on the distance from where the search started; 0 switches it off. At one
         typical draw's distance it is this share of the cost of the best rollout
     :param radius_limits: smallest and largest radius of the trust region, in standard deviations of
@@ -94,6 +95,9 @@ class ACNMPCritic:
     :param n_moments: moments of the trajectory at which a Gaussian process may look alone
     :param terms: predict the reward's terms (``info["reward_<term>"]``) one by one where they are
         costs that add up to it; False: the critic sees their sum alone
+    :param achieved: predict, where the terms are no such costs, which context a rollout achieves
+        (``info["achieved_context"]``), where the environment tells it: the search then aims at the
+        context it is in. False: the critic sees the reward alone
     :param n_remembered: rollouts to which it is fitted at most: half of them the best, the others
         the newest
     :param n_candidates: drawn around the best rollout for each trajectory to try
@@ -115,6 +119,7 @@ class ACNMPCritic:
     noises: tuple[float, ...] = (1e-4, 1e-2, 1e-1)
     n_moments: int = 9
     terms: bool = True
+    achieved: bool = True
     n_remembered: int = 150
     n_candidates: int = 1500
     candidate_scales: tuple[float, ...] = (0.3, 0.6, 1.0, 1.5)

@@ -200,6 +200,14 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
                 found.append(other)
         return tuple(found[1:])
 
+    def _context_unit(self) -> NDArray[np.float64]:
+        """Return the standard deviation of each entry of the demonstrated contexts, shape (C,).
+
+        1 where all of them agree.
+        """
+        spread = cast(Demonstrations, self.demonstrations).contexts.std(axis=0, dtype=np.float64)
+        return np.where(spread > SAME_CONTEXT, spread, 1.0)
+
     # -- the loop ------------------------------------------------------------------------------
 
     @property

@@ -1,0 +1,233 @@
+"""Searches that aim: where rollouts tell what they achieved, the critic predicts that."""
+
+from dataclasses import replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from baselines import BO
+from sb3_nmp import ACNMP, ACNMPCritic, CNMPArchitecture, CNMPPretraining, Demonstrations
+from sb3_nmp.bayesian.critic import N_AIMED, Critic, nearest_misses, tells_misses
+from sb3_nmp.bayesian.gaussian_process import Hypotheses
+from sb3_nmp.bayesian.search import CriticSearch, Subspace
+from sb3_nmp.common.rollouts import Generation, Information
+
+T = 12
+TIMES = np.linspace(0.0, 1.0, T)
+WANTED = np.array([-2.5, 1.5])
+
+
+def rollouts(
+    achieved: np.ndarray | None,
+    rewards: np.ndarray,
+    wanted: np.ndarray = WANTED,
+    terms: dict[str, np.ndarray] | None = None,
+) -> Generation:
+    n = len(rewards)
+    return Generation(
+        np.tile(wanted, (n, 1)).astype(np.float32),
+        np.zeros((n, T, 1), np.float32),
+        rewards,
+        np.zeros(n, bool),
+        terms or {},
+        None,
+        achieved,
+    )
+
+
+def chosen(critic: Critic, low: float = -3.0, high: float = 3.0) -> np.ndarray:
+    """The point of a grid that the critic likes best, without luck."""
+    values = np.linspace(low, high, 61)
+    grid = np.stack([each.ravel() for each in np.meshgrid(values, values)], axis=-1)
+    bound = -sum(np.abs(process.predict(grid)[0]) for process in critic.signed)
+    return grid[np.argmax(bound)]
+
+
+def test_misses_are_those_of_the_rollouts_that_achieved_the_nearest() -> None:
+    far = np.linspace(0.1, 3.0, 20)[::-1]
+    achieved = WANTED + far[:, None] * [1.0, -2.0]
+    achieved[3] = np.nan
+    rows, misses = nearest_misses(rollouts(achieved, -far), unit=np.array([0.5, 2.0]))
+    assert rows.tolist() == list(range(20 - N_AIMED, 20))
+    np.testing.assert_allclose(misses, far[rows][:, None] * [2.0, -1.0], atol=1e-6)
+    few = rollouts(achieved[:5], -far[:5])
+    assert nearest_misses(few)[0].tolist() == [0, 1, 2, 4]  # one tells nothing
+
+
+def test_units_weigh_which_rollout_is_near() -> None:
+    n = N_AIMED + 1
+    achieved = np.tile(WANTED, (n, 1))
+    achieved[0, 0] += 1.0
+    achieved[1:, 1] += 2.0 + 0.01 * np.arange(n - 1)
+    for unit, left_out in ((np.array([1.0, 1.0]), n - 1), (np.array([0.1, 1.0]), 0)):
+        rows = nearest_misses(rollouts(achieved, np.zeros(n)), unit)[0]
+        assert set(range(n)) - set(rows.tolist()) == {left_out}
+
+
+@pytest.mark.parametrize(
+    ("achieved", "told"),
+    [
+        (None, False),
+        (np.full((3, 2), np.nan), False),
+        (np.array([[0.0, 0.0], [np.nan, np.nan], [np.nan, np.nan]]), False),
+        (np.tile(WANTED, (3, 1)), False),  # circumstances: as they were given
+        (np.array([[0.0, 1.5], [1.0, 1.5], [np.nan, np.nan]]), True),
+    ],
+)
+def test_a_critic_aims_where_two_rollouts_tell_different_misses(
+    achieved: np.ndarray | None, told: bool
+) -> None:
+    tried = rollouts(achieved, np.array([-1.0, -2.0, -3.0]))
+    assert tells_misses(tried) == told
+    points = np.random.default_rng(0).standard_normal((3, 2))
+    critic = Critic.fit(points, tried, Hypotheses((np.eye(2),), (2.0,), (1e-4,)))
+    assert (critic.whole is None) == told
+    assert len(critic.signed) == int(told)  # the other entry is a circumstance
+
+
+def test_a_critic_that_aims_looks_where_every_entry_is_met_whatever_the_reward_says() -> None:
+    rng = np.random.default_rng(1)
+    points = rng.standard_normal((10, 2))
+    mixing = np.array([[1.0, 0.4], [-0.3, 0.8]])
+    goal = np.array([1.0, -1.5])
+    achieved = WANTED + (points - goal) @ mixing
+    tried = rollouts(achieved, rng.random(10))
+    critic = Critic.fit(points, tried, Hypotheses((np.eye(2),), (5.0, 8.0), (1e-4,)))
+    assert np.abs(chosen(critic) - goal).max() <= 0.1
+    assert critic.to_gain == pytest.approx(np.abs(achieved - WANTED).sum(axis=1).min(), rel=1e-5)
+
+
+def test_terms_that_add_up_come_first_and_either_can_be_hidden() -> None:
+    rng = np.random.default_rng(2)
+    space = Subspace(np.zeros((T, 1)), rng.standard_normal((3, T, 1)))
+    costs, achieved = rng.random((2, 6)), rng.random((2, 6, 2))
+
+    def asked(settings: ACNMPCritic, share: np.ndarray, told: np.ndarray) -> tuple[Any, bool]:
+        search = CriticSearch(space, 0.7, settings)
+        terms = {"a": -share, "b": -(1.0 - share)}
+        search.tell(rollouts(told, -np.ones(6), terms=terms))
+        return search.ask(1, np.random.default_rng(0)).tolist(), search.aims
+
+    for settings, sees_terms, aims in (
+        (ACNMPCritic(), True, False),
+        (ACNMPCritic(terms=False), False, True),
+        (ACNMPCritic(achieved=False), True, False),
+        (ACNMPCritic(terms=False, achieved=False), False, False),
+    ):
+        known = asked(settings, costs[0], achieved[0])
+        assert known[1] == aims
+        assert (asked(settings, costs[1], achieved[0]) != known) == sees_terms
+        assert (asked(settings, costs[0], achieved[1]) != known) == aims
+
+
+@pytest.mark.parametrize(
+    ("n_first", "achieved", "terms", "n_starts"),
+    [
+        (1, True, 1, 0),  # it aims from the answer
+        (1, False, 1, 2),
+        (1, True, 2, 2),  # the terms come first
+        (2, True, 1, 0),  # of the two that were tried the better one is begun around
+        (2, False, 1, 2),
+    ],
+)
+def test_other_starts_are_not_tried_where_the_first_rollout_tells_what_it_achieved(
+    n_first: int, achieved: bool, terms: int, n_starts: int
+) -> None:
+    space = Subspace(np.zeros((T, 1)), np.random.default_rng(0).standard_normal((3, T, 1)))
+    others = (np.full((T, 1), 1.0), np.full((T, 1), 2.0))
+    search = CriticSearch(space, 0.7, starts=others)
+    tried = search.ask(n_first, np.random.default_rng(0))
+    rewards = -np.arange(n_first)[::-1].astype(float) - 1.0
+    told = np.tile(WANTED + 0.5, (n_first, 1)) if achieved else None
+    named = {f"term {k}": rewards / terms for k in range(terms)}
+    known = replace(rollouts(told, rewards, terms=named), trajectories=tried.astype(np.float32))
+    search.tell(known)
+    assert len(search.starts) == n_starts
+    begun = others[0] if n_first == 2 and achieved else space.origin
+    np.testing.assert_array_equal(search.space.origin, begun)
+
+
+class Throw(gym.Env[Any, Any]):
+    """Lands where weighted means of the trajectory say; the reward tells the distance.
+
+    An instant toy: two weighted means over time, bent a little, are where it lands.
+    """
+
+    tells_achievement = True
+
+    def __init__(self, context: np.ndarray, telling: bool = True) -> None:
+        self.observation_space = gym.spaces.Box(-4, 4, (2,), np.float32)
+        self.action_space = gym.spaces.Box(-9, 9, (T, 2), np.float32)
+        self.exploration_scale = np.array([0.3, 0.3])
+        self.context, self.telling = np.array(context, np.float32), telling
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        super().reset(seed=seed)
+        return self.context, {}
+
+    def step(self, action: Any) -> Any:
+        landed = np.clip(landing(np.asarray(action, np.float64)), -4, 4)
+        error = float(np.linalg.norm(landed - self.context))
+        info: dict[str, Any] = {"is_success": error < 0.05}
+        if self.telling:
+            info["achieved_context"] = landed
+        return self.context, -(error**0.2), True, False, info
+
+
+def landing(trajectory: np.ndarray) -> np.ndarray:
+    ends = trajectory[-1] + 0.5 * trajectory[T // 2, ::-1]
+    return ends + 0.2 * np.sin(2 * ends[::-1])
+
+
+def thrown(contexts: np.ndarray) -> np.ndarray:
+    """Demonstrations that land near their contexts."""
+    ends = np.linalg.solve(np.array([[1.0, 0.25], [0.25, 1.0]]), contexts.T).T
+    return TIMES[:, None] * ends[:, None]
+
+
+CONTEXTS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [-1.0, 0.5], [0.5, -1.0]])
+
+
+def n_until_success(algorithm: Any, telling: bool, seed: int, **more: Any) -> tuple[int, Any]:
+    shown = Demonstrations(CONTEXTS.astype(np.float32), thrown(CONTEXTS).astype(np.float32))
+    model = algorithm("MlpPolicy", Throw(WANTED, telling), demonstrations=shown, seed=seed, **more)
+    found: list[bool] = []
+
+    def watch(known: dict[str, Any], _: dict[str, Any]) -> bool:
+        found.append(bool(known["infos"][0]["is_success"]))
+        return not found[-1]
+
+    model.learn(60, callback=watch)
+    return (len(found) if found[-1] else 61), model
+
+
+SMALL = {
+    "pretraining": CNMPPretraining(n_steps=100),
+    "policy_kwargs": {"cnmp": CNMPArchitecture(encoder_arch=(16,), decoder_arch=(32,))},
+}
+
+
+@pytest.mark.parametrize(("algorithm", "more"), [(BO, {}), (ACNMP, SMALL)])
+def test_what_was_achieved_saves_rollouts_and_is_told_of(
+    algorithm: Any, more: dict[str, Any]
+) -> None:
+    aimed = [n_until_success(algorithm, True, seed, **more) for seed in range(4)]
+    blind = [n_until_success(algorithm, False, seed, **more) for seed in range(4)]
+    hidden, _ = n_until_success(algorithm, True, 0, critic=ACNMPCritic(achieved=False), **more)
+    assert hidden == blind[0][0]
+    assert sum(n for n, _ in aimed) < 0.75 * sum(n for n, _ in blind)
+    assert all(Information.ACHIEVED_CONTEXTS in model.information for _, model in aimed)
+    assert all(Information.ACHIEVED_CONTEXTS not in model.information for _, model in blind)
+
+
+@pytest.mark.parametrize(("algorithm", "more"), [(BO, {}), (ACNMP, SMALL)])
+def test_entries_of_a_context_count_in_standard_deviations_of_the_demonstrated_ones(
+    algorithm: Any, more: dict[str, Any]
+) -> None:
+    contexts = CONTEXTS * [3.0, 0.0] + [0.0, 1.5]  # the second entry is the same in all
+    shown = Demonstrations(contexts.astype(np.float32), thrown(contexts).astype(np.float32))
+    model = algorithm("MlpPolicy", Throw(WANTED), demonstrations=shown, seed=0, **more)
+    search = model.learn(1)._new_search(WANTED.astype(np.float32))
+    np.testing.assert_allclose(search.unit, [contexts[:, 0].std(), 1.0], rtol=1e-6)
