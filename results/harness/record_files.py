@@ -4,7 +4,6 @@ A finished run is ``<stem>.json``, a failed one ``<stem>.failed.json``.
 """
 
 import json
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import msgspec
 
 from results.exceptions import RecordError
 from results.harness.records import RunRecord
+from results.harness.whole_files import write_whole
 
 FORMAT = 2
 FAILED = ".failed.json"
@@ -40,13 +40,8 @@ def write_record(path: Path, record: RunRecord) -> None:
     :param record: of the run
     :raises ValueError: it holds a number that is not finite
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        text = json.dumps({"format": FORMAT, **msgspec.to_builtins(record)}, allow_nan=False)
-        temporary.write_text(text + "\n", encoding="utf-8")
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    text = json.dumps({"format": FORMAT, **msgspec.to_builtins(record)}, allow_nan=False)
+    write_whole({path: f"{text}\n".encode()})
 
 
 def read_record(path: Path) -> RunRecord:

@@ -107,6 +107,7 @@ def _update(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> 
     from results.harness.progress import run_with_progress
     from results.harness.record_files import read_records
     from results.harness.resume import plan_runs
+    from results.harness.whole_files import write_whole
     from results.leaderboard.files import read_row, row_paths, write_row
     from results.leaderboard.rows import make_row
     from results.leaderboard.tables import page
@@ -129,7 +130,7 @@ def _update(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> 
             print(f"Written: {write_row(data, *make_row(name, found, board.most_failures))}")
     rows = [read_row(path)[0] for path in row_paths(data)]
     text = f"# Leaderboard\n\n{page(rows).markdown()}"
-    (data / "README.md").write_text(text, encoding="utf-8")
+    write_whole({data / "README.md": text.encode()})
     return status
 
 

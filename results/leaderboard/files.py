@@ -3,8 +3,6 @@
 import hashlib
 import io
 import json
-import os
-from collections.abc import Mapping
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -13,6 +11,7 @@ import numpy as np
 
 from results.exceptions import RecordError
 from results.harness.records import slug
+from results.harness.whole_files import write_whole
 from results.leaderboard.rows import Evidence, Row
 
 FORMAT = 1
@@ -49,21 +48,8 @@ def write_row(data: Path, row: Row, evidence: Evidence) -> Path:
     np.savez_compressed(buffer, **{name: getattr(evidence, name) for name in ARRAYS})  # type: ignore[arg-type]
     content = {"format": FORMAT, "digest": digest(row, evidence), "row": msgspec.to_builtins(row)}
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
-    _replace({path.with_suffix(".npz"): buffer.getvalue(), path: text.encode()})
+    write_whole({path.with_suffix(".npz"): buffer.getvalue(), path: text.encode()})
     return path
-
-
-def _replace(contents: Mapping[Path, bytes]) -> None:
-    """Write files that belong together; none is replaced before all of them are on the disk."""
-    temporary = {path: path.with_name(f".{path.name}.{os.getpid()}.tmp") for path in contents}
-    try:
-        for path, content in contents.items():
-            temporary[path].write_bytes(content)
-        for path in contents:
-            os.replace(temporary[path], path)
-    finally:
-        for path in temporary.values():
-            path.unlink(missing_ok=True)
 
 
 def read_row(path: Path) -> tuple[Row, Evidence, str]:

@@ -20,6 +20,7 @@ from results.harness.records import Curve, slug
 from results.harness.runner import execute
 from results.harness.specification import Algorithm, RunSpecification, plain
 from results.harness.suite import Recipe, find_label
+from results.harness.whole_files import write_whole
 from results.one_context.protocol import OneContext
 from results.report.frames import rollouts_to_success
 from sb3_nmp.common.tuning import Choice, SearchSpace, Value, arguments_of
@@ -190,9 +191,7 @@ class StudySummary:
             "trials": trials,
             "best": asdict(self.best),
         }
-        partial = path.with_suffix(".partial")
-        partial.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-        partial.replace(path)
+        write_whole({path: f"{json.dumps(content, indent=1)}\n".encode()})
         return path
 
 
