@@ -121,6 +121,18 @@ def test_runs_that_may_not_be_mixed_are_done_again_as_the_message_says(
     assert the_row(tmp_path / "data")[0].claims == the_row(made / "data")[0].claims
 
 
+def test_the_first_row_of_all_that_fails_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken = {"Hill": Algorithm("hill", "tests.results_fakes:Broken")}
+    recipe = replace(HILLS.recipe, algorithms=broken, budget=10)
+    monkeypatch.setitem(BOARDS, "hills", replace(HILLS, recipe=recipe, seeds=(500, 501)))
+    assert update(tmp_path) == 1
+    told = capsys.readouterr().err
+    assert "1 of 2 runs failed" in told and "no row" in told and "No such file" not in told
+    assert not (tmp_path / "data").exists()
+
+
 def test_an_honest_row_holds(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert command("verify", made / "data") == 0
     assert "hills/hill: holds (bitwise)" in capsys.readouterr().out

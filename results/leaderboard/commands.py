@@ -129,8 +129,9 @@ def _update(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> 
                 continue
             print(f"Written: {write_row(data, *make_row(name, found, board.most_failures))}")
     rows = [read_row(path)[0] for path in row_paths(data)]
-    text = f"# Leaderboard\n\n{page(rows).markdown()}"
-    write_whole({data / "README.md": text.encode()})
+    if rows:
+        text = f"# Leaderboard\n\n{page(rows).markdown()}"
+        write_whole({data / "README.md": text.encode()})
     return status
 
 
