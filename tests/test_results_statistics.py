@@ -176,21 +176,30 @@ def test_the_permutation_test_is_the_rank_sum_test_for_one_task() -> None:
         assert found == pytest.approx(exact, abs=3 * math.sqrt(exact * (1 - exact) / 20_000) + 1e-4)
 
 
-def test_a_difference_between_tasks_is_none_between_algorithms() -> None:
+@pytest.mark.parametrize("together", [False, True])
+def test_a_difference_between_tasks_is_none_between_algorithms(together: bool) -> None:
     """The same rank order within tasks far apart; pooled, the first would seem worse."""
     rng = np.random.default_rng(7)
     easy, hard = rng.normal(100, size=12), rng.normal(size=12)
     strata = [(easy[:2], easy[2:]), (hard[:10], hard[10:])]
-    assert permutation_p(strata) > 0.05
+    assert permutation_p(strata, together=together) > 0.05
     pooled = [(np.r_[easy[:2], hard[:10]], np.r_[easy[2:], hard[10:]])]
-    assert permutation_p(pooled) < 0.01
+    assert permutation_p(pooled, together=together) < 0.01
 
 
-def test_the_permutation_test_is_wrong_as_often_as_it_says() -> None:
+def test_of_pairs_it_counts_how_far_apart_they_are_where_all_are_ranked_together() -> None:
+    """Four are far better and one a little worse: within pairs, that is four of five."""
+    strata = [([1.0 + i], [101.0 + i]) for i in range(4)] + [([300.5], [300.0])]
+    assert permutation_p(strata, "less") == pytest.approx(6 / 32, abs=0.01)
+    assert permutation_p(strata, "less", together=True) == pytest.approx(2 / 32, abs=0.01)
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_the_permutation_test_is_wrong_as_often_as_it_says(together: bool) -> None:
     rng, p = np.random.default_rng(8), []
     for _ in range(600):
         strata = [(x[:5].round(1), x[5:].round(1)) for x in rng.exponential(size=(2, 11))]
-        p.append(permutation_p(strata, "less", n_permutations=199))
+        p.append(permutation_p(strata, "less", n_permutations=199, together=together))
     shares = np.mean(np.array(p)[:, None] <= [0.05, 0.2, 0.5], axis=0)
     assert shares == pytest.approx([0.05, 0.2, 0.5], abs=0.045)
 

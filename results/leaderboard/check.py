@@ -3,7 +3,9 @@
 The runs again and the committed ones in the same context are exchangeable as long as the program
 is as good as it was. So the one-sided permutation test (`permutation_p`) is exact, and Bonferroni's
 correction for all rows and measures bounds the probability of a false alarm anywhere by
-`FALSE_ALARMS`. A program that has not changed gives the same bits on a like CPU, and no alarm.
+`FALSE_ALARMS`. Ranks are those among all contexts: where each has one run, which of two is better
+says less than by how much (RC-NMP without mutation on via-points: p = 6e-5, with these ranks 1e-5).
+A program that has not changed gives the same bits on a like CPU, and no alarm.
 """
 
 import math
@@ -85,6 +87,6 @@ def judge(
             new = [value(claim) for claim in again if context[claim.key] == where]
             old = [value(claim) for claim in row.claims if context[claim.key] == where]
             strata.append((np.array(new), np.array(old)))
-        p = permutation_p(strata, "less", n_permutations)
+        p = permutation_p(strata, "less", n_permutations, together=True)
         p_values[measure] = min(1.0, p * n_rows * len(MEASURES))
     return Judgement(name, len(again), False, p_values)

@@ -50,6 +50,7 @@ def permutation_p(
     alternative: Alternative = "two-sided",
     n_permutations: int = N_PERMUTATIONS,
     seed: int = 0,
+    together: bool = False,
 ) -> float:
     """Return the p-value of a difference: seeds are dealt anew between both within each stratum.
 
@@ -62,13 +63,16 @@ def permutation_p(
     :param alternative: ``"two-sided"``, or ``"less"``: the first one is worse
     :param n_permutations: how often seeds are dealt anew
     :param seed: of the dealing
+    :param together: rank the values of all strata together, so that it counts how far apart those
+        of a stratum are: a pair alone would else tell which one is better, and no more
     """
     rng = np.random.default_rng(seed)
     observed, permuted = 0.0, np.zeros(n_permutations)
-    for ours, theirs in strata:
-        pooled = np.concatenate([np.asarray(ours, float), np.asarray(theirs, float)])
-        n = len(pooled) - len(np.asarray(theirs))
-        ranks = rankdata(pooled) - (len(pooled) + 1) / 2  # centred, so that strata add up
+    pooled = [np.concatenate([np.asarray(x, float), np.asarray(y, float)]) for x, y in strata]
+    ends = np.cumsum([len(values) for values in pooled])[:-1]
+    ranked = np.split(rankdata(np.concatenate(pooled)), ends) if together else map(rankdata, pooled)
+    for (ours, _), found in zip(strata, ranked, strict=True):
+        n, ranks = len(np.asarray(ours)), found - found.mean()  # centred, so that strata add up
         observed += ranks[:n].sum()
         dealt = rng.permuted(np.tile(ranks, (n_permutations, 1)), axis=1)
         permuted += dealt[:, :n].sum(axis=1)
