@@ -33,24 +33,48 @@ def test_todays_program_is_no_worse_than_the_row(path: Path) -> None:
 
 
 def no_mutation(patch: pytest.MonkeyPatch) -> None:
-    """The first generation keeps its noise, as there would be nothing to select."""
-    mutations = GA._mutations
+    mutate_at_first_only(patch, GA)
 
-    def fading(self: GA, n: int, n_fresh: int, age: int) -> Any:
+
+def no_mutation_in_rcnmp(patch: pytest.MonkeyPatch) -> None:
+    mutate_at_first_only(patch, RCNMP)
+
+
+def mutate_at_first_only(patch: pytest.MonkeyPatch, kind: type[GA] | type[RCNMP]) -> None:
+    """The first generation keeps its noise, as there would be nothing to select."""
+    mutations = kind._mutations
+
+    def fading(self: Any, n: int, n_fresh: int, age: int) -> Any:
         return mutations(self, n, n_fresh, age) * (1.0 if self._n_updates == 0 else 0.0)
 
-    patch.setattr(GA, "_mutations", fading)
+    patch.setattr(kind, "_mutations", fading)
 
 
 def worst_reward_asked_for(patch: pytest.MonkeyPatch) -> None:
     reverse_rewards(patch, GA)
 
 
+def worst_reward_wanted_everywhere_in_rcnmp(patch: pytest.MonkeyPatch) -> None:
+    """By the network, by its judge, and by what draws parents."""
+    reverse_rewards(patch, RCNMP)
+
+
+def worst_reward_asked_for_in_rcnmp(patch: pytest.MonkeyPatch) -> None:
+    """Of the network alone; the judge still wants the best one."""
+    train = RCNMP._train
+
+    def ask_for_the_worst(self: RCNMP) -> None:
+        train(self)
+        self.policy.target_reward.neg_()
+
+    patch.setattr(RCNMP, "_train", ask_for_the_worst)
+
+
 def wrong_sign_of_the_reward_in_reps(patch: pytest.MonkeyPatch) -> None:
     reverse_rewards(patch, REPS)
 
 
-def reverse_rewards(patch: pytest.MonkeyPatch, kind: type[GA] | type[REPS]) -> None:
+def reverse_rewards(patch: pytest.MonkeyPatch, kind: type[GA] | type[RCNMP] | type[REPS]) -> None:
     learn = kind._end_generation
 
     def reversed_rewards(self: Any, generation: Any) -> None:
@@ -71,57 +95,15 @@ def crossover_of_a_parent_with_itself(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(module, "crossover_pairs", alone)
 
 
-PLANTED: dict[Callable[[pytest.MonkeyPatch], None], str] = {
-    no_mutation: "GA",
-    worst_reward_asked_for: "GA",
-    crossover_of_a_parent_with_itself: "GA",
-    wrong_sign_of_the_reward_in_reps: "REPS",
-}
+def crossover_of_a_parent_with_itself_in_rcnmp(patch: pytest.MonkeyPatch) -> None:
+    pairs = RCNMP._draw_parents
 
+    def alone(self: RCNMP, *arguments: Any) -> Any:
+        parents = pairs(self, *arguments)
+        first = [0, 0]
+        return replace(parents, latents=parents.latents[first], rows=parents.rows[first])
 
-#: ten runs do not show them
-MISSED = {crossover_of_a_parent_with_itself}
-CASES = [
-    pytest.param(
-        plant,
-        id=plant.__name__,
-        marks=[pytest.mark.xfail(reason="too small for ten runs", strict=False)]
-        if plant in MISSED
-        else [],
-    )
-    for plant in PLANTED
-]
-
-
-@pytest.mark.parametrize("plant", CASES)
-def test_a_planted_regression_raises_the_alarm(
-    plant: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    plant(monkeypatch)
-    path = row_path(DATA, "bottles", PLANTED[plant])
-    (judged,) = judgements(BOARDS, [path], 1, len(ROWS))
-    assert judged.worse(), judged.sentence()
-
-
-# -- to the bit ------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("path", ROWS, ids=lambda path: f"{path.parent.name}/{path.stem}")
-def test_one_seed_of_the_row_is_the_same_to_the_bit(path: Path) -> None:
-    (found,) = comparisons(BOARDS, [path], 1)
-    if found.unlike:
-        pytest.skip(found.sentence())
-    assert not found.changed, found.sentence()
-
-
-def worst_reward_asked_for_in_rcnmp(patch: pytest.MonkeyPatch) -> None:
-    train = RCNMP._train
-
-    def ask_for_the_worst(self: RCNMP) -> None:
-        train(self)
-        self.policy.target_reward.neg_()
-
-    patch.setattr(RCNMP, "_train", ask_for_the_worst)
+    patch.setattr(RCNMP, "_draw_parents", alone)
 
 
 def wrong_sign_of_the_policy_gradient(patch: pytest.MonkeyPatch) -> None:
@@ -138,6 +120,62 @@ def a_critic_that_sees_half_of_the_rollouts(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(module, "best_and_newest", lambda *args: seen(*args)[::2])
 
 
+Plant = Callable[[pytest.MonkeyPatch], None]
+#: Board and row that it is judged by. `a_critic_that_sees_half_of_the_rollouts` is not among them:
+#: its eight runs take ten minutes, and what statistics say of it was not tried; bits show it.
+PLANTED: dict[Plant, tuple[str, str]] = {
+    no_mutation: ("bottles", "GA"),
+    worst_reward_asked_for: ("bottles", "GA"),
+    crossover_of_a_parent_with_itself: ("bottles", "GA"),
+    wrong_sign_of_the_reward_in_reps: ("bottles", "REPS"),
+    worst_reward_wanted_everywhere_in_rcnmp: ("bottles", "RC-NMP"),
+    worst_reward_asked_for_in_rcnmp: ("bottles", "RC-NMP"),
+    no_mutation_in_rcnmp: ("via-points", "RC-NMP"),
+    crossover_of_a_parent_with_itself_in_rcnmp: ("bottles", "RC-NMP"),
+    wrong_sign_of_the_policy_gradient: ("push-beyond", "ACNMP, network drives"),
+}
+#: What the runs that a check does again do not show, and their least p-value, uncorrected: an alarm
+#: needs one of 5e-5. `SHOWN` has the bits, which show all of them.
+MISSED: dict[Plant, str] = {
+    crossover_of_a_parent_with_itself: "too small for ten runs",
+    crossover_of_a_parent_with_itself_in_rcnmp: "p = 0.06 in ten runs, 0.08 on via-points",
+    worst_reward_asked_for_in_rcnmp: "p = 0.07 in ten runs: the judge sorts out what it gives",
+}
+CASES = [
+    pytest.param(
+        plant,
+        id=plant.__name__,
+        marks=[pytest.mark.xfail(reason=MISSED[plant], strict=False)] if plant in MISSED else [],
+    )
+    for plant in PLANTED
+]
+
+
+@pytest.mark.parametrize("plant", CASES)
+def test_a_planted_regression_raises_the_alarm(
+    plant: Plant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plant(monkeypatch)
+    path = row_path(DATA, *PLANTED[plant])
+    (judged,) = judgements(BOARDS, [path], 1, len(ROWS))
+    assert judged.worse(), judged.sentence()
+
+
+def test_what_statistics_miss_shows_in_bits() -> None:
+    assert MISSED.keys() <= SHOWN.keys()
+
+
+# -- to the bit ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", ROWS, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_one_seed_of_the_row_is_the_same_to_the_bit(path: Path) -> None:
+    (found,) = comparisons(BOARDS, [path], 1)
+    if found.unlike:
+        pytest.skip(found.sentence())
+    assert not found.changed, found.sentence()
+
+
 def a_ridge_of_nearly_nothing(patch: pytest.MonkeyPatch) -> None:
     import sb3_nmp.common.regression as module
 
@@ -145,12 +183,15 @@ def a_ridge_of_nearly_nothing(patch: pytest.MonkeyPatch) -> None:
 
 
 #: board, row and rollouts in which one seed shows it
-SHOWN: dict[Callable[[pytest.MonkeyPatch], None], tuple[str, str, int]] = {
+SHOWN: dict[Plant, tuple[str, str, int]] = {
     crossover_of_a_parent_with_itself: ("bottles", "GA", 45),
     no_mutation: ("bottles", "GA", 45),
     worst_reward_asked_for: ("bottles", "GA", 45),
     wrong_sign_of_the_reward_in_reps: ("bottles", "REPS", 45),
     worst_reward_asked_for_in_rcnmp: ("bottles", "RC-NMP", 100),
+    worst_reward_wanted_everywhere_in_rcnmp: ("bottles", "RC-NMP", 100),
+    no_mutation_in_rcnmp: ("bottles", "RC-NMP", 100),
+    crossover_of_a_parent_with_itself_in_rcnmp: ("bottles", "RC-NMP", 100),
     wrong_sign_of_the_policy_gradient: ("push-beyond", "ACNMP, network drives", 12),
     a_critic_that_sees_half_of_the_rollouts: ("push-beyond", "ACNMP", 20),
     a_ridge_of_nearly_nothing: ("push-beyond", "twin, ridge", 5),
@@ -168,7 +209,7 @@ def first_run(board: str, label: str, budget: int) -> Claim:
 
 @pytest.mark.parametrize("plant", SHOWN, ids=lambda plant: plant.__name__)
 def test_a_planted_regression_shows_in_the_bits_of_one_seed(
-    plant: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
+    plant: Plant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The unchanged program repeats them, so that this alarm is never false."""
     before = first_run(*SHOWN[plant])
