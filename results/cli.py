@@ -201,7 +201,7 @@ def run(options: argparse.Namespace) -> int:
     seeds = None if options.seeds is None else parse_seeds(options.seeds)
     name, recipe = options.suite, None
     if options.task is not None:
-        from results.harness.records import task_slug
+        from results.harness.slugs import task_slug
         from results.outside import make_recipe
 
         name = task_slug(options.task)

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from results.adaptation.summary import context_text
 from results.exceptions import BenchmarkError
-from results.harness.records import RunRecord, finished, task_slug
+from results.harness.records import RunRecord, finished
+from results.harness.slugs import task_slug
 from results.report.figure_style import ROOM, line_style, logarithmic_from_zero, plain_axes
 from results.report.frames import curves_frame
 from results.report.report import Figures, refuse_references

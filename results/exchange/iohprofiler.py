@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from results.exceptions import BenchmarkError
-from results.harness.records import RunRecord, finished, slug, task_slug
+from results.harness.records import RunRecord, finished
+from results.harness.slugs import slug, task_slug
 
 VERSION = "0.3.18"  # of the format
 COLUMNS = ("evaluations", "raw_y", "greedy_reward", "greedy_success")

@@ -3,12 +3,12 @@
 A record holds all that a table or a figure says, so that these read records and nothing else.
 """
 
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from results.harness.machine import Machine
+from results.harness.slugs import slug, task_slug
 
 Curve = dict[str, list[Any]]
 
@@ -312,28 +312,6 @@ class RunRecord:
         if self.result is None:
             raise ValueError(f"{self.specification.name} has failed: {self.reason}")
         return self.result
-
-
-def slug(text: str) -> str:
-    """Return a name that is fit for a file.
-
-    >>> slug("RC-NMP, no crossover")
-    'rc-nmp-no-crossover'
-
-    :param text: any name
-    """
-    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
-
-
-def task_slug(task: str) -> str:
-    """Return a task's name for files.
-
-    >>> task_slug("nmp/Push-v0")
-    'push-v0'
-
-    :param task: its id
-    """
-    return slug(task.removeprefix("nmp/"))
 
 
 def labels_of(records: Iterable[RunRecord]) -> list[str]:

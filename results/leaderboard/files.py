@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from results.exceptions import RecordError
-from results.harness.records import slug
+from results.harness.slugs import slug
 from results.harness.whole_files import write_whole
 from results.leaderboard.rows import Evidence, Row
 

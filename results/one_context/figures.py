@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from results.harness.records import RunRecord, finished, slug, task_slug
+from results.harness.records import RunRecord, finished
+from results.harness.slugs import slug, task_slug
 from results.one_context.error_curves import by_run, error_curves
 from results.one_context.final_rollouts import draw_final_rollouts
 from results.report.figure_style import ROOM, line_style, plain_axes, seeds_of

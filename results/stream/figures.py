@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
-from results.harness.records import RunRecord, task_slug
+from results.harness.records import RunRecord
+from results.harness.slugs import task_slug
 from results.report.figure_style import line_style, logarithmic_from_zero, plain_axes, seeds_of
 from results.report.frames import curves_frame
 from results.report.report import Figures, refuse_references

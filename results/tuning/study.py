@@ -16,8 +16,9 @@ import numpy as np
 
 from results.exceptions import BenchmarkError
 from results.harness.protocol import Protocol
-from results.harness.records import Curve, slug
+from results.harness.records import Curve
 from results.harness.runner import execute
+from results.harness.slugs import slug
 from results.harness.specification import Algorithm, RunSpecification, plain
 from results.harness.suite import Recipe, find_label
 from results.harness.whole_files import write_whole
