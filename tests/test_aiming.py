@@ -122,6 +122,29 @@ def test_terms_that_add_up_come_first_and_either_can_be_hidden() -> None:
         assert (asked(settings, costs[0], achieved[1]) != known) == aims
 
 
+def test_a_search_aims_until_it_succeeds_and_not_in_every_region_where_it_never_does() -> None:
+    rng = np.random.default_rng(3)
+    space = Subspace(np.zeros((T, 1)), rng.standard_normal((3, T, 1)))
+
+    def aiming(succeeds_at: int) -> list[tuple[int, bool, int]]:
+        search, found = CriticSearch(space, 0.7), []
+        for k in range(40):
+            tried = search.ask(1, np.random.default_rng(k))
+            told = rollouts(WANTED + 0.1 + rng.random((1, 2)), np.array([-float(k)]))
+            done = np.array([k == succeeds_at])
+            search.tell(replace(told, trajectories=tried.astype(np.float32), successes=done))
+            critic = search._fit_critic() if k else None
+            assert critic is None or (critic.whole is None) == search.aims
+            found.append((search.n_restarts, search.aims, k))
+        return found
+
+    failing = aiming(succeeds_at=99)
+    assert {restarts for restarts, *_ in failing} >= {0, 1, 2, 3, 4}
+    for restarts, aims, k in failing[1:]:
+        assert aims == (restarts not in (2, 4, 6)), (restarts, k)
+    assert [k for _, aims, k in aiming(succeeds_at=5) if aims] == [1, 2, 3, 4]
+
+
 @pytest.mark.parametrize(
     ("n_first", "achieved", "terms", "n_starts"),
     [

@@ -102,7 +102,8 @@ class CriticSearch:
 
     The first trajectory is that answer. Others to start from may follow, such as the nearest
     demonstration's: the search goes on around the one of largest reward. Where the first rollout
-    tells what it achieved, no other start is tried: to aim from the answer takes fewer rollouts.
+    tells what it achieved, no other start is tried, and the critic aims (`Critic`) until a rollout
+    succeeds; where the trust region had to begin anew twice, every other one goes by the reward.
     The rest of the first generation is drawn around the answer. Later ones are the points of
     largest random upper confidence bound (`Critic.draw_upper_bounds`) inside a trust region around
     the best rollout so far, chosen one after the other by the Kriging believer. The bound is less a
@@ -120,6 +121,7 @@ class CriticSearch:
     :param has_improved: whether the last generation has a new best rollout
     :param has_succeeded: whether any rollout has; until then a region that has shrunk begins anew,
         for a rollout can be the best around and yet touch what it must not
+    :param n_restarts: how often it has
     """
 
     space: Subspace
@@ -131,6 +133,7 @@ class CriticSearch:
     rollouts: list[Generation] = field(default_factory=list)
     has_improved: bool = False
     has_succeeded: bool = False
+    n_restarts: int = 0
 
     def __post_init__(self) -> None:
         """Start without rollouts."""
@@ -143,7 +146,7 @@ class CriticSearch:
             self.settings.noises,
         )
         self._chosen: tuple[Hypotheses, ...] = ()
-        self._n_when_chosen = 0
+        self._n_when_chosen, self._aimed = 0, False
 
     @property
     def rewards(self) -> FloatArray:
@@ -156,9 +159,14 @@ class CriticSearch:
         rollouts, hidden = Generation.concatenate(self.rollouts), dict[str, Any]()
         if not self.settings.terms:
             hidden["terms"] = {}
-        if not self.settings.achieved:
+        if not self.settings.achieved or self.has_succeeded or self._goes_by_reward:
             hidden["achieved"] = None
         return replace(rollouts, **hidden)
+
+    @property
+    def _goes_by_reward(self) -> bool:
+        """Whether this region is one of those that do not aim: every other one from the third."""
+        return self.n_restarts >= 2 and self.n_restarts % 2 == 0
 
     @property
     def _can_aim(self) -> bool:
@@ -171,8 +179,8 @@ class CriticSearch:
 
     @property
     def aims(self) -> bool:
-        """Whether the critic goes by what rollouts achieved."""
-        if not self.settings.achieved or self.rollouts[-1].achieved is None:
+        """Whether the critic goes by what rollouts achieved, as long as none has succeeded."""
+        if self.rollouts[-1].achieved is None:
             return False
         seen = self._seen
         return len(varying_costs(seen)) < 2 and tells_misses(seen)
@@ -204,8 +212,8 @@ class CriticSearch:
     def _fit_critic(self) -> Critic:
         """Fit a critic to the best and the newest rollouts."""
         rollouts, n = self._seen, len(self.points)
-        if n >= RECHOOSE * self._n_when_chosen:
-            self._chosen, self._n_when_chosen = (), n
+        if n >= RECHOOSE * self._n_when_chosen or self.aims != self._aimed:
+            self._chosen, self._n_when_chosen, self._aimed = (), n, self.aims
         rows = best_and_newest(rollouts.rewards, self.settings.n_remembered)
         known = self._hypotheses, self._chosen, self.unit
         critic = Critic.fit(self.points[rows], rollouts[rows], *known)
@@ -249,6 +257,7 @@ class CriticSearch:
             self._begin_around(int(self.rewards[:n_starts].argmax()))
         if not self.has_succeeded and self.region.radius < self.settings.restart_radius:
             self.region.radius = self.radius
+            self.n_restarts += 1
 
     def _begin_around(self, start: int) -> None:
         """Go on around the best of the trajectories to start from, as if it were the only one.

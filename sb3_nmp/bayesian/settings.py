@@ -97,7 +97,8 @@ class ACNMPCritic:
         costs that add up to it; False: the critic sees their sum alone
     :param achieved: predict, where the terms are no such costs, which context a rollout achieves
         (``info["achieved_context"]``), where the environment tells it: the search then aims at the
-        context it is in. False: the critic sees the reward alone
+        context it is in until a rollout succeeds, and goes by the reward from there on. False: it
+        does so from the beginning
     :param n_remembered: rollouts to which it is fitted at most: half of them the best, the others
         the newest
     :param n_candidates: drawn around the best rollout for each trajectory to try
