@@ -17,6 +17,7 @@ import pytest
 
 from results.cli import main
 from results.exceptions import BenchmarkError, RecordError
+from results.harness import progress
 from results.harness.specification import Algorithm
 from results.harness.suite import Recipe
 from results.leaderboard import verify
@@ -90,6 +91,28 @@ def command(what: str, data: Path, *more: str, board: str = "hills") -> int:
 def the_row(data: Path) -> tuple[Row, Evidence]:
     (path,) = row_paths(data)
     return read_row(path)[:2]
+
+
+def test_no_row_is_written_before_all_runs_are_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the runs of the second board would be of a changed tree, and of no commit."""
+    few = replace(HILLS, recipe=replace(HILLS.recipe, budget=20), seeds=(500, 501))
+    for name in ("one", "other"):
+        monkeypatch.setitem(BOARDS, name, few)
+    seen: list[int] = []
+    run = progress.run_with_progress
+
+    def watched(*asked: Any) -> int:
+        done = run(*asked)
+        seen.append(len(row_paths(tmp_path / "data")))
+        return done
+
+    monkeypatch.setattr(progress, "run_with_progress", watched)
+    asked = ["leaderboard", "update", "--board", "one", "other", "--workers", "1"]
+    assert main([*asked, "--data", str(tmp_path / "data"), "--out", str(tmp_path / "runs")]) == 0
+    assert seen == [0, 0]
+    assert len(row_paths(tmp_path / "data")) == 2
 
 
 def test_the_same_command_again_skips_everything(

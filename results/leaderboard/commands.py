@@ -104,9 +104,21 @@ def _show(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> in
 
 
 def _update(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> int:
+    """Do all runs first: a row among the committed ones would make those after it of no commit."""
     from results.harness.progress import run_with_progress
-    from results.harness.record_files import read_records
     from results.harness.resume import plan_runs
+
+    status = HOLDS
+    for name, board in boards.items():
+        runs = board.runs(name, options.algorithms)
+        plan = plan_runs(options.out / name, runs, options.overwrite)
+        status = run_with_progress(plan, options.workers) or status
+    return _write_rows(boards, data, options) or status
+
+
+def _write_rows(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> int:
+    """Write the rows of which all runs have finished, and the page of all rows."""
+    from results.harness.record_files import read_records
     from results.harness.whole_files import write_whole
     from results.leaderboard.files import read_row, row_paths, write_row
     from results.leaderboard.rows import make_row
@@ -114,20 +126,16 @@ def _update(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> 
 
     status = HOLDS
     for name, board in boards.items():
-        folder = options.out / name
+        found = {r.specification.stem: r for r in read_records(options.out / name).records}
         runs = board.runs(name, options.algorithms)
-        status = (
-            run_with_progress(plan_runs(folder, runs, options.overwrite), options.workers) or status
-        )
-        records = {record.specification.stem: record for record in read_records(folder).records}
         for label in dict.fromkeys(run.label for run in runs):
-            asked = [run.stem for run in runs if run.label == label]
-            found = [records[stem] for stem in asked if stem in records]
-            if len(found) < len(asked) or not all(record.finished for record in found):
+            records = [found.get(run.stem) for run in runs if run.label == label]
+            done = [record for record in records if record is not None and record.finished]
+            if len(done) < len(records):
                 print(f"{name}, {label}: not all runs have finished; no row", file=sys.stderr)
                 status = FAILS
                 continue
-            print(f"Written: {write_row(data, *make_row(name, found, board.most_failures))}")
+            print(f"Written: {write_row(data, *make_row(name, done, board.most_failures))}")
     rows = [read_row(path)[0] for path in row_paths(data)]
     if rows:
         text = f"# Leaderboard\n\n{page(rows).markdown()}"
