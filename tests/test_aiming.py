@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from baselines import BO
+from benchmark_envs import make_task
+from benchmark_envs.tasks.push import TARGETS
 from sb3_nmp import ACNMP, ACNMPCritic, CNMPArchitecture, CNMPPretraining, Demonstrations
-from sb3_nmp.bayesian.critic import N_AIMED, Critic, nearest_misses, tells_misses
+from sb3_nmp.bayesian.critic import N_AIMED, Critic, may_aim, nearest_misses, tells_misses
 from sb3_nmp.bayesian.gaussian_process import Hypotheses
 from sb3_nmp.bayesian.search import CriticSearch, Subspace
 from sb3_nmp.common.rollouts import Generation, Information
@@ -54,6 +56,44 @@ def test_misses_are_those_of_the_rollouts_that_achieved_the_nearest() -> None:
     np.testing.assert_allclose(misses, far[rows][:, None] * [2.0, -1.0], atol=1e-6)
     few = rollouts(achieved[:5], -far[:5])
     assert nearest_misses(few)[0].tolist() == [0, 1, 2, 4]  # one tells nothing
+
+
+def test_a_dozen_that_miss_alike_leave_the_reward_to_go_by() -> None:
+    """An object that nothing touched misses the same way each time."""
+    n = N_AIMED + 2
+    achieved = np.tile(WANTED + 0.1, (n, 1))
+    achieved[:2] += [[1.0, 0.0], [0.0, 2.0]]  # those farther off would tell something
+    tried = rollouts(achieved, -np.arange(n, dtype=float))
+    points = np.random.default_rng(0).standard_normal((n, 2))
+    assert not tells_misses(tried)
+    critic = Critic.fit(points, tried, Hypotheses((np.eye(2),), (2.0,), (1e-4,)))
+    assert critic.whole is not None
+
+
+def test_a_rollout_that_tells_nothing_does_not_end_the_aiming() -> None:
+    rng = np.random.default_rng(0)
+    search = CriticSearch(Subspace(np.zeros((T, 1)), rng.standard_normal((3, T, 1))), 0.7)
+    for k, told in enumerate((True, True, False, True, False)):
+        tried = search.ask(1, rng).astype(np.float32)
+        achieved = WANTED + rng.random((1, 2)) if told else None
+        known = rollouts(achieved, np.array([-1.0 - k]))
+        search.tell(replace(known, trajectories=tried))
+        assert search.aims == (k >= 2)
+    assert search.has_aimed
+
+
+def test_push_aims_from_its_answer_and_divergence_is_no_cost_of_the_task() -> None:
+    task = make_task("nmp/Push-v0", n_threads=1)
+    shown = Demonstrations.from_task(task, TARGETS[[0, 1, 3]])
+    env = gym.make("nmp/Push-v0", context=TARGETS[9])  # far from those
+    model = BO("MlpPolicy", env, demonstrations=shown, seed=0).learn(1)
+    (search,) = (each.search for each in model.searches)
+    assert isinstance(search, CriticSearch)
+    told = search.rollouts[0]
+    assert {"path", "diverged"} == set(told.terms) and told.achieved is not None
+    assert may_aim(told) and search.starts == () and search.has_aimed
+    worse = replace(told, terms={**told.terms, "other": np.zeros(1)})
+    assert not may_aim(worse)  # two costs of the task: their sum is told
 
 
 def test_units_weigh_which_rollout_is_near() -> None:

@@ -11,7 +11,7 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv
 
 from baselines.bayesian.policies import BOPolicy
-from sb3_nmp.bayesian.search import CriticSearch, Subspace, any_aims
+from sb3_nmp.bayesian.search import CriticSearch, Subspace, any_has_aimed
 from sb3_nmp.bayesian.settings import SEARCH_SPACE, ACNMPCritic, ShapedExploration
 from sb3_nmp.bayesian.shaped_noise import shaped_directions
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
@@ -99,6 +99,6 @@ class BO(AdaptiveAlgorithm):
         return CriticSearch(space, self.exploration.radius, self.critic, starts, unit)
 
     def _adapt(self, searched: list[ContextSearch], solved: list[ContextSearch]) -> None:
-        self.has_aimed = self.has_aimed or any_aims(searched)
+        self.has_aimed = self.has_aimed or any_has_aimed(searched)
         if solved:
             self._learn(self.training_set())

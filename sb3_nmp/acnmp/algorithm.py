@@ -16,7 +16,7 @@ from sb3_nmp.acnmp.losses import advantages, policy_gradient_loss
 from sb3_nmp.acnmp.policy import ACNMPPolicy
 from sb3_nmp.acnmp.search import PolicySearch
 from sb3_nmp.acnmp.settings import ACNMPAdaptation, ACNMPExploration
-from sb3_nmp.bayesian.search import CriticSearch, Subspace, any_aims
+from sb3_nmp.bayesian.search import CriticSearch, Subspace, any_has_aimed
 from sb3_nmp.bayesian.settings import SEARCH_SPACE, ACNMPCritic
 from sb3_nmp.common import files
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
@@ -256,7 +256,7 @@ class ACNMP(AdaptiveAlgorithm):
 
     def _adapt(self, searched: list[ContextSearch], solved: list[ContextSearch]) -> None:
         policy, settings = self.policy, self.adaptation
-        self.has_aimed = self.has_aimed or any_aims(searched)
+        self.has_aimed = self.has_aimed or any_has_aimed(searched)
         improving = [each for each in searched if self._teaches(each)]
         n_gradients = settings.n_training_steps if improving else 0
         n_steps = n_gradients + (settings.n_assimilation_steps if solved else 0)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm, rankdata
 
 from sb3_nmp.bayesian.gaussian_process import GaussianProcess, Hypotheses
-from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.common.rollouts import DIVERGED, Generation
 
 FloatArray = NDArray[np.float64]
 
@@ -74,15 +74,17 @@ class Critic:
             effect where there are more or fewer of them now
         :param unit: of each entry of the context; 1 by default
         """
-        costs = varying_costs(rollouts)
-        squares, signed, to_gain = [], [], 1.0
-        if len(costs) >= 2:
+        costs, to_gain = varying_costs(rollouts), 1.0
+        squares: list[FloatArray] = []
+        signed: list[FloatArray] = []
+        if tells_misses(rollouts, unit):
+            rows, misses = nearest_misses(rollouts, unit)
+            misses = misses[:, np.ptp(misses, axis=0) > 0]
+            points, signed = points[rows], list(misses.T)
+            to_gain = float(np.abs(misses).sum(axis=1).min())
+        elif len(costs) >= 2:
             alone, signed = two_sided(costs)
             squares, to_gain = [-(cost**2) for cost in alone], -float(rollouts.rewards.max())
-        elif tells_misses(rollouts):
-            rows, misses = nearest_misses(rollouts, unit)
-            points, signed = points[rows], [miss for miss in misses.T if np.ptp(miss) > 0]
-            to_gain = float(np.abs(misses).sum(axis=1).min())
         targets = [*squares, *signed] or [normal_scores(rollouts.rewards)]
         known = chosen if len(chosen) == len(targets) else [hypotheses] * len(targets)
         fitted = tuple(
@@ -137,27 +139,46 @@ class Critic:
         )
 
 
-def varying_costs(rollouts: Generation) -> list[FloatArray]:
-    """Return the costs whose sum is minus the reward and that are not constant, each of shape (N,).
+def told_costs(rollouts: Generation) -> dict[str, FloatArray]:
+    """Return the costs whose sum is minus the reward, by the term's name, each of shape (N,).
 
     :param rollouts: N of them
     :return: empty if the reward is no sum of costs >= 0
     """
-    costs = [-term for term in rollouts.terms.values()]
-    known = np.sum(costs, axis=0) if costs else np.zeros(len(rollouts))
-    if any((cost < 0).any() for cost in costs) or not np.allclose(known, -rollouts.rewards):
-        return []
-    return [cost for cost in costs if np.ptp(cost) > 0]
+    costs = {name: -term for name, term in rollouts.terms.items()}
+    known = np.sum(list(costs.values()), axis=0) if costs else np.zeros(len(rollouts))
+    is_sum = not any((cost < 0).any() for cost in costs.values())
+    return costs if is_sum and np.allclose(known, -rollouts.rewards) else {}
 
 
-def tells_misses(rollouts: Generation) -> bool:
-    """Return whether what rollouts achieved tells how they missed the context they were made in.
+def varying_costs(rollouts: Generation) -> list[FloatArray]:
+    """Return those of the `told_costs` that are not constant.
 
     :param rollouts: N of them
     """
-    if rollouts.achieved is None:
+    return [cost for cost in told_costs(rollouts).values() if np.ptp(cost) > 0]
+
+
+def may_aim(rollouts: Generation) -> bool:
+    """Return whether what rollouts achieved is the best that is told of them.
+
+    It is not where the reward is told as a sum of costs, that of divergence aside.
+
+    :param rollouts: N of them
+    """
+    told = rollouts.achieved is not None and np.isfinite(rollouts.achieved).all(axis=1).any()
+    return bool(told) and len(told_costs(rollouts).keys() - {DIVERGED}) < 2
+
+
+def tells_misses(rollouts: Generation, unit: FloatArray | None = None) -> bool:
+    """Return whether a critic of these rollouts aims: the nearest miss in different ways.
+
+    :param rollouts: N of them
+    :param unit: of each entry of the context, shape (C,); 1 by default
+    """
+    if not may_aim(rollouts):
         return False
-    misses = (rollouts.achieved - rollouts.contexts)[np.isfinite(rollouts.achieved).all(axis=1)]
+    misses = nearest_misses(rollouts, unit)[1]
     return len(misses) >= 2 and bool(np.ptp(misses, axis=0).any())
 
 

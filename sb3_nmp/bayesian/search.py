@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_nmp.bayesian.critic import Critic, tells_misses, varying_costs
+from sb3_nmp.bayesian.critic import Critic, may_aim, tells_misses
 from sb3_nmp.bayesian.gaussian_process import Hypotheses
 from sb3_nmp.bayesian.settings import ACNMPCritic
 from sb3_nmp.common.context_search import ContextSearch
@@ -121,7 +121,9 @@ class CriticSearch:
     :param has_improved: whether the last generation has a new best rollout
     :param has_succeeded: whether any rollout has; until then a region that has shrunk begins anew,
         for a rollout can be the best around and yet touch what it must not
-    :param n_restarts: how often it has
+    :param n_restarts: how often the region began anew
+    :param aims: whether the critic of the last generation aimed
+    :param has_aimed: whether what rollouts achieved has changed anything
     """
 
     space: Subspace
@@ -134,6 +136,8 @@ class CriticSearch:
     has_improved: bool = False
     has_succeeded: bool = False
     n_restarts: int = 0
+    aims: bool = False
+    has_aimed: bool = False
 
     def __post_init__(self) -> None:
         """Start without rollouts."""
@@ -146,17 +150,16 @@ class CriticSearch:
             self.settings.noises,
         )
         self._chosen: tuple[Hypotheses, ...] = ()
-        self._n_when_chosen, self._aimed = 0, False
+        self._n_when_chosen = 0
 
     @property
     def rewards(self) -> FloatArray:
         """Of the rollouts so far, shape (N,)."""
         return np.concatenate([np.empty(0), *(part.rewards for part in self.rollouts)])
 
-    @property
-    def _seen(self) -> Generation:
-        """The rollouts so far, less what the critic is not to see."""
-        rollouts, hidden = Generation.concatenate(self.rollouts), dict[str, Any]()
+    def _seen(self, rollouts: Generation) -> Generation:
+        """Return rollouts without what the critic is not to see."""
+        hidden: dict[str, Any] = {}
         if not self.settings.terms:
             hidden["terms"] = {}
         if not self.settings.achieved or self.has_succeeded or self._goes_by_reward:
@@ -167,23 +170,6 @@ class CriticSearch:
     def _goes_by_reward(self) -> bool:
         """Whether this region is one of those that do not aim: every other one from the third."""
         return self.n_restarts >= 2 and self.n_restarts % 2 == 0
-
-    @property
-    def _can_aim(self) -> bool:
-        """Whether the critic will go by what rollouts achieve, as far as the first ones tell."""
-        first = self.rollouts[0]
-        if not self.settings.achieved or first.achieved is None:
-            return False
-        has_terms = self.settings.terms and len(first.terms) >= 2
-        return not has_terms and bool(np.isfinite(first.achieved).all(axis=1).any())
-
-    @property
-    def aims(self) -> bool:
-        """Whether the critic goes by what rollouts achieved, as long as none has succeeded."""
-        if self.rollouts[-1].achieved is None:
-            return False
-        seen = self._seen
-        return len(varying_costs(seen)) < 2 and tells_misses(seen)
 
     def ask(self, n: int, rng: np.random.Generator) -> FloatArray:
         """Return trajectories to try, shape (n, T, D).
@@ -211,10 +197,14 @@ class CriticSearch:
 
     def _fit_critic(self) -> Critic:
         """Fit a critic to the best and the newest rollouts."""
-        rollouts, n = self._seen, len(self.points)
-        if n >= RECHOOSE * self._n_when_chosen or self.aims != self._aimed:
-            self._chosen, self._n_when_chosen, self._aimed = (), n, self.aims
-        rows = best_and_newest(rollouts.rewards, self.settings.n_remembered)
+        rollouts, n = self._seen(Generation.concatenate(self.rollouts)), len(self.points)
+        aims = tells_misses(rollouts, self.unit)
+        if n >= RECHOOSE * self._n_when_chosen or aims != self.aims:
+            self._chosen, self._n_when_chosen = (), n
+        self.aims, self.has_aimed = aims, self.has_aimed or aims
+        rows = np.arange(n)
+        if not aims:
+            rows = best_and_newest(rollouts.rewards, self.settings.n_remembered)
         known = self._hypotheses, self._chosen, self.unit
         critic = Critic.fit(self.points[rows], rollouts[rows], *known)
         self._chosen = critic.chosen
@@ -248,8 +238,8 @@ class CriticSearch:
         self.rollouts.append(rollouts)
         self.has_improved = bool(rollouts.rewards.max() > before.max(initial=-np.inf))
         self.has_succeeded = self.has_succeeded or bool(rollouts.successes.any())
-        if self._can_aim:
-            self.starts = self.starts[: len(self.points) - 1]
+        if len(self.points) <= len(self.starts) and may_aim(self._seen(rollouts)):
+            self.starts, self.has_aimed = self.starts[: len(self.points) - 1], True
         n_starts = 1 + len(self.starts)
         if len(before) >= max(2, n_starts):
             self.region.update(self.has_improved)
@@ -274,12 +264,12 @@ class CriticSearch:
         self.points = self.space.coordinates(self.rollouts[0].trajectories)
 
 
-def any_aims(searched: list[ContextSearch]) -> bool:
-    """Return whether the critic of any search goes by what rollouts achieved.
+def any_has_aimed(searched: list[ContextSearch]) -> bool:
+    """Return whether what rollouts achieved has changed any search.
 
     :param searched: with a critic or without
     """
-    return any(isinstance(each.search, CriticSearch) and each.search.aims for each in searched)
+    return any(isinstance(each.search, CriticSearch) and each.search.has_aimed for each in searched)
 
 
 def best_and_newest(rewards: FloatArray, n: int) -> NDArray[np.intp]:

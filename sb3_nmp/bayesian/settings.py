@@ -77,7 +77,7 @@ class ACNMPCritic:
     :param other_starts: regressions on what was right (`sb3_nmp.common.regression`) whose answers a
         search in a pinned context tries after the policy's, to go on around the best: beyond the
         demonstrations nobody knows beforehand which is nearest to a solution. An answer that equals
-        another is left out, and all that were not tried yet are where a rollout tells what it
+        another is left out; so are those that were not tried yet, where a rollout tells what it
         achieved
     :param pull: penalty on the distance from where the search started; 0 switches it off. At one
         typical draw's distance it is this share of the cost of the best rollout
@@ -98,7 +98,7 @@ class ACNMPCritic:
     :param achieved: predict, where the terms are no such costs, which context a rollout achieves
         (``info["achieved_context"]``), where the environment tells it: the search then aims at the
         context it is in until a rollout succeeds, and goes by the reward from there on. False: it
-        does so from the beginning
+        goes by the reward from the beginning
     :param n_remembered: rollouts to which it is fitted at most: half of them the best, the others
         the newest
     :param n_candidates: drawn around the best rollout for each trajectory to try

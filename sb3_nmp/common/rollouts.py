@@ -19,6 +19,8 @@ STEP_REWARDS = "step_rewards"
 ACHIEVED_CONTEXT = "achieved_context"
 #: each term of the reward stands under this prefix and its name, as in ``"reward_goal"``
 TERM_PREFIX = "reward_"
+#: the term that punishes a rollout which could not be simulated to its end; no cost of the task
+DIVERGED = "diverged"
 
 
 class Information(StrEnum):
