@@ -116,8 +116,12 @@ def wrong_sign_of_the_policy_gradient(patch: pytest.MonkeyPatch) -> None:
 def a_critic_that_sees_half_of_the_rollouts(patch: pytest.MonkeyPatch) -> None:
     import sb3_nmp.bayesian.search as module
 
-    seen = module.best_and_newest
-    patch.setattr(module, "best_and_newest", lambda *args: seen(*args)[::2])
+    fit = module.Critic.fit
+
+    def half(points: Any, rollouts: Any, *more: Any) -> Any:
+        return fit(points[::2], rollouts[::2], *more)
+
+    patch.setattr(module.Critic, "fit", half)
 
 
 Plant = Callable[[pytest.MonkeyPatch], None]
