@@ -24,11 +24,12 @@ from results.thesis.real_robot_runs import (
 #: the context that is the furthest from the demonstrations: an object of 9 cm, a tower of 11 cm
 NUMBER = 1
 LEAST_CORRELATION = 0.95
+STILL = 0.1  # degrees: a joint that moves less is held still
 MADE = (
     "Pick-and-place in MuJoCo, eight demonstrations of objects of 2 and 6 cm and towers of 2 to 8 "
     "cm, 100 rollouts. Grey: the demonstrations; blue: our expert, whom the reward does not tell "
-    "of; red: ACNMP's answer. Shape: for each "
-    "joint, the correlation over time of its angle with the expert's, least over joints; in these "
+    "of; red: ACNMP's answer. Shape: for each joint that the expert moves, the correlation over "
+    "time of its angle with the expert's, least over joints; in these "
     f"words it is kept where that is at least {LEAST_CORRELATION} in the median run."
 )
 
@@ -36,12 +37,16 @@ MADE = (
 def least_correlation(run: RunRecord, which: str) -> float:
     """Return the least correlation over joints of a rollout's angles with the expert's.
 
+    Joints that the expert holds still have none.
+
     :param run: a finished one
     :param which: its rollout, such as ``"greedy"``
     """
     found, expert = angles(run, which), angles(run, "expert")
     return min(
-        float(np.corrcoef(one, other)[0, 1]) for one, other in zip(found.T, expert.T, strict=True)
+        float(np.corrcoef(one, other)[0, 1])
+        for one, other in zip(found.T, expert.T, strict=True)
+        if np.ptp(other) > STILL
     )
 
 
