@@ -25,7 +25,7 @@ from results.leaderboard.boards import BOARDS, DATA, Board
 from results.leaderboard.check import FALSE_ALARMS, MEASURES, judge
 from results.leaderboard.files import digest, read_row, row_paths, write_row
 from results.leaderboard.rows import Claim, Evidence, Row, mean_reward
-from results.leaderboard.verify import TOLERANCE, _about_claim_over_many, verify_row
+from results.leaderboard.verify import TOLERANCE, _about_claim_over_many, as_known_then, verify_row
 from results.one_context.protocol import OneContext
 from results.report.statistics import permutation_p
 from results.stream.evaluation import N_KEPT
@@ -91,6 +91,21 @@ def command(what: str, data: Path, *more: str, board: str = "hills") -> int:
 def the_row(data: Path) -> tuple[Row, Evidence]:
     (path,) = row_paths(data)
     return read_row(path)[:2]
+
+
+def test_a_field_of_settings_that_came_later_is_not_asked_of_an_older_row() -> None:
+    critic = {"settings": "acnmp-critic", "pull": 0.3, "new": True}
+    asked = {"critic": critic, "size": 3}
+    older = {key: value for key, value in critic.items() if key != "new"}
+    for said, holds in (
+        (asked, True),
+        (asked | {"critic": older}, True),
+        (asked | {"critic": older | {"pull": 0.1}}, False),
+        (asked | {"critic": critic | {"other": 1}}, False),
+        (asked | {"critic": {**older, "settings": "another"}}, False),
+        ({"critic": critic}, False),  # an argument is told whole
+    ):
+        assert (as_known_then(asked, said) == said) == holds
 
 
 def test_no_row_is_written_before_all_runs_are_done(

@@ -108,7 +108,7 @@ def _about_files(
     wanted = replace(wanted, protocol=wanted.protocol.shared)
     for name in ("algorithm", "settings", "task", "budget", "protocol"):
         said, asked = getattr(row, name), getattr(wanted, name)
-        if said != asked:
+        if said != as_known_then(asked, said):
             yield f"its {name} is {said}, but the board asks for {asked}"
     keys = [claim.key for claim in row.claims]
     if len(set(keys)) < len(keys):
@@ -117,6 +117,26 @@ def _about_files(
         odd = set(keys) ^ set(runs)
         yield f"its runs are not those of the board; they differ in (seed, variant, target) {odd}"
     yield from _about_claims(row, evidence, runs, boards[row.board])
+
+
+def as_known_then(asked: object, said: object) -> object:
+    """Return what a board asks for, less fields of settings that came later than a row.
+
+    A field that came later has a default that leaves older rows as they were, or they are made
+    anew: `check --exact` tells. What is no settings object must be told whole.
+
+    >>> asked = {"critic": {"settings": "acnmp-critic", "pull": 0.3, "new": True}, "size": 3}
+    >>> as_known_then(asked, {"critic": {"settings": "acnmp-critic", "pull": 0.1}})
+    {'critic': {'settings': 'acnmp-critic', 'pull': 0.3}, 'size': 3}
+
+    :param asked: by the board
+    :param said: by the row
+    """
+    if not (isinstance(asked, dict) and isinstance(said, dict)):
+        return asked
+    same = "settings" in asked and asked["settings"] == said.get("settings")
+    known = {key: value for key, value in asked.items() if key in said or not same}
+    return {key: as_known_then(value, said.get(key)) for key, value in known.items()}
 
 
 def _about_claims(row: Row, evidence: Evidence, runs: Runs, board: Board) -> Iterator[str]:
