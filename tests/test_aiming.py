@@ -24,12 +24,11 @@ WANTED = np.array([-2.5, 1.5])
 def rollouts(
     achieved: np.ndarray | None,
     rewards: np.ndarray,
-    wanted: np.ndarray = WANTED,
     terms: dict[str, np.ndarray] | None = None,
 ) -> Generation:
     n = len(rewards)
     return Generation(
-        np.tile(wanted, (n, 1)).astype(np.float32),
+        np.tile(WANTED, (n, 1)).astype(np.float32),
         np.zeros((n, T, 1), np.float32),
         rewards,
         np.zeros(n, bool),
@@ -39,9 +38,9 @@ def rollouts(
     )
 
 
-def chosen(critic: Critic, low: float = -3.0, high: float = 3.0) -> np.ndarray:
+def chosen(critic: Critic) -> np.ndarray:
     """The point of a grid that the critic likes best, without luck."""
-    values = np.linspace(low, high, 61)
+    values = np.linspace(-3.0, 3.0, 61)
     grid = np.stack([each.ravel() for each in np.meshgrid(values, values)], axis=-1)
     bound = -sum(np.abs(process.predict(grid)[0]) for process in critic.signed)
     return grid[np.argmax(bound)]

@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from results.cli import main
 from results.harness.record_files import read_records, write_record
 from results.leaderboard.boards import BOARDS
 from results.leaderboard.files import digest, read_row, row_paths
 from results.leaderboard.verify import verify_row
-from tests.test_leaderboard import HILLS
+from tests.test_leaderboard import HILLS, command
 
 # -- at every change of a file -----------------------------------------------------------------
 
@@ -96,8 +95,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 def update(folder: Path, runs: Path) -> int:
-    asked = ["--board", "hills", "--data", str(folder / "data"), "--out", str(runs)]
-    return main(["leaderboard", "update", *asked, "--workers", "1"])
+    return command("update", folder / "data", "--out", str(runs))
 
 
 def test_a_record_is_written_whole_or_not_at_all(made: Path, tmp_path: Path) -> None:

@@ -74,15 +74,15 @@ class Critic:
             effect where there are more or fewer of them now
         :param unit: of each entry of the context; 1 by default
         """
-        costs, to_gain = varying_costs(rollouts), 1.0
         squares: list[FloatArray] = []
         signed: list[FloatArray] = []
+        to_gain = 1.0
         if tells_misses(rollouts, unit):
             rows, misses = nearest_misses(rollouts, unit)
             misses = misses[:, np.ptp(misses, axis=0) > 0]
             points, signed = points[rows], list(misses.T)
             to_gain = float(np.abs(misses).sum(axis=1).min())
-        elif len(costs) >= 2:
+        elif len(costs := varying_costs(rollouts)) >= 2:
             alone, signed = two_sided(costs)
             squares, to_gain = [-(cost**2) for cost in alone], -float(rollouts.rewards.max())
         targets = [*squares, *signed] or [normal_scores(rollouts.rewards)]
