@@ -4,7 +4,7 @@ The runs again and the committed ones in the same context are exchangeable as lo
 is as good as it was. So the one-sided permutation test (`permutation_p`) is exact, and Bonferroni's
 correction for all rows and measures bounds the probability of a false alarm anywhere by
 `FALSE_ALARMS`. Ranks are those among all contexts: where each has one run, which of two is better
-says less than by how much (RC-NMP without mutation on via-points: p = 6e-5, with these ranks 1e-5).
+says less than by how much (RC-NMP without mutation on via-points: p = 6e-5, with these ranks 2e-5).
 A program that has not changed gives the same bits on a like CPU, and no alarm.
 """
 
