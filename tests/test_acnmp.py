@@ -2,6 +2,7 @@
 
 import json
 import zipfile
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -542,6 +543,10 @@ def test_advantages_follow_their_definitions() -> None:
     assert step[0, 0] == 0  # no difference at the first step
     assert step[1, 2] > step[1, 1] > 0
     np.testing.assert_allclose(advantages("place", rollouts).sum(axis=0), 1.0)
+    failed = generation(np.zeros((2, 3, 1)), steps.sum(axis=1))
+    assert (advantages("place", failed)[1] > advantages("place", failed)[0]).all()
+    solved = replace(failed, successes=np.array([True, False]))  # though of less reward
+    np.testing.assert_array_equal(advantages("place", solved), [[1.0] * 3, [0.0] * 3])
     without = generation(np.zeros((2, 3, 1)), steps.sum(axis=1))
     for kind in ("to_go", "step"):
         np.testing.assert_allclose(advantages(kind, without), [[-1] * 3, [1] * 3])

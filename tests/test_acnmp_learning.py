@@ -20,11 +20,13 @@ from sb3_nmp import (
     Demonstrations,
     UntrainedWarning,
 )
-from sb3_nmp.acnmp import algorithm
-from sb3_nmp.acnmp.losses import policy_gradient_loss
+from sb3_nmp.acnmp import losses
+from sb3_nmp.acnmp.losses import PolicyGradient, policy_gradient_loss
 from sb3_nmp.acnmp.search import PolicySearch
-from sb3_nmp.bayesian.search import Subspace
+from sb3_nmp.acnmp.settings import Advantage
+from sb3_nmp.bayesian.search import CriticSearch, Subspace
 from sb3_nmp.common.rollouts import Generation
+from sb3_nmp.models.cnmp import CNMP
 from tests import test_algorithms as contract
 from tests.registry import DEMONSTRATIONS, ENV_ID, POPULATION
 from tests.test_acnmp import SHOWN, SMALL, Reach, T, build, expert
@@ -99,7 +101,7 @@ def test_the_networks_own_answer_learns_by_the_policy_gradient(
     def negated(*args: Any) -> th.Tensor:
         return -policy_gradient_loss(*args)
 
-    monkeypatch.setattr(algorithm, "policy_gradient_loss", negated)
+    monkeypatch.setattr(losses, "policy_gradient_loss", negated)
     assert drift(demonstrations, pretrained, adaptation=adaptation, n_rollouts=20) > still
 
 
@@ -162,6 +164,79 @@ def test_a_found_solution_becomes_the_networks_own_answer_beside_a_critic(
     model.learn(40)
     assert before > 0.1
     assert miss(model) < 0.05  # the tolerance of `Reach`
+
+
+class Misleading(Reach):
+    """An end too high by 0.3 earns more than the right one, which succeeds."""
+
+    def step(self, action: Any) -> Any:
+        observation, _, *rest, info = super().step(action - HIGHER)
+        too_high = float(action[-1, 0] - HIGHER - self.context[0])
+        return observation, -abs(too_high - 0.3), *rest, {"is_success": info["is_success"]}
+
+
+def test_the_network_learns_what_succeeded_where_failures_earn_more(
+    demonstrations: Demonstrations, pretrained: dict[str, th.Tensor]
+) -> None:
+    model = build(demonstrations, Misleading(float(GOAL[0])), policy_kwargs={"cnmp": SMALL})
+    model.policy.load_state_dict(pretrained)
+    model.is_pretrained = True
+    model.learn(60)
+    assert miss(model) < 0.15  # and not 0.3 too high
+    search = model.searches[0].search
+    assert isinstance(search, CriticSearch)
+    assert search.rewards.max() > -0.25  # of a failure
+    assert 60 / 1.15 < search.n_taught <= 60
+
+
+def test_without_policy_gradient_a_pinned_solution_is_learned_all_the_same(
+    demonstrations: Demonstrations, pretrained: dict[str, th.Tensor]
+) -> None:
+    settings = ACNMPAdaptation(n_training_steps=0)
+    model = build(demonstrations, Higher(float(GOAL[0])), adaptation=settings)
+    model.policy.load_state_dict(pretrained)
+    model.is_pretrained = True
+    before = miss(model)
+    model.learn(40)
+    assert miss(model) < 0.8 * before
+
+
+def test_the_network_learns_at_the_first_success_and_then_less_and_less_often() -> None:
+    space = Subspace(np.zeros((T, 1)), np.random.default_rng(0).standard_normal((3, T, 1)))
+    search, taught = CriticSearch(space, 0.7), []
+
+    def tell(success: bool = False) -> None:
+        one = np.zeros((1, T, 1), np.float32)
+        told = np.array([-1.0]), np.array([success])
+        search.tell(Generation(np.zeros((1, 1), np.float32), one, *told))
+        if search.is_to_be_taught:
+            search.was_taught()
+            taught.append(len(search.points))
+
+    for _ in range(31):
+        tell()
+    assert taught == [1, 2, 3, 4, 5, 6, 7, 9, 11, 13, 15, 18, 21, 25, 29]
+    for success in (False, True, True):
+        tell(success)
+    assert taught[-1] == 33  # the first success
+
+
+def test_beside_weights_that_are_alike_over_time_the_gradient_takes_some_time_points() -> None:
+    cnmp = CNMP(context_dim=1, trajectory_shape=(300, 2))
+    tried = Generation(
+        np.zeros((4, 1), np.float32),
+        np.random.default_rng(0).standard_normal((4, 300, 2)).astype(np.float32),
+        np.arange(4.0),
+        np.zeros(4, bool),
+    )
+
+    def points(advantage: Advantage) -> int:
+        settings = ACNMPAdaptation(advantage)
+        gradient = PolicyGradient(cnmp, settings, np.zeros((1, 1)), [tried])
+        assert gradient.loss().isfinite()
+        return gradient.tried[0][0].shape[1]
+
+    assert (points("place"), points("step"), points("to_go")) == (50, 300, 300)
 
 
 @pytest.mark.parametrize("latent", [0.0, 0.5])

@@ -107,7 +107,7 @@ def crossover_of_a_parent_with_itself_in_rcnmp(patch: pytest.MonkeyPatch) -> Non
 
 
 def wrong_sign_of_the_policy_gradient(patch: pytest.MonkeyPatch) -> None:
-    import sb3_nmp.acnmp.algorithm as module
+    import sb3_nmp.acnmp.losses as module
 
     loss = module.policy_gradient_loss
     patch.setattr(module, "policy_gradient_loss", lambda *args: -loss(*args))

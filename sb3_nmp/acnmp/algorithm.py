@@ -12,7 +12,7 @@ from stable_baselines3.common.utils import update_learning_rate
 
 from sb3_nmp.acnmp.distribution import TrajectoryDistribution
 from sb3_nmp.acnmp.exploration import directions
-from sb3_nmp.acnmp.losses import advantages, policy_gradient_loss
+from sb3_nmp.acnmp.losses import PolicyGradient
 from sb3_nmp.acnmp.policy import ACNMPPolicy
 from sb3_nmp.acnmp.search import PolicySearch
 from sb3_nmp.acnmp.settings import ACNMPAdaptation, ACNMPExploration
@@ -76,7 +76,8 @@ class ACNMP(AdaptiveAlgorithm):
     :param exploration: directions and scales of exploration
     :param critic: settings of the critic; without effect on ``search="policy"``
     :param adaptation: how the network is trained after a generation; beside a critic by policy
-        gradient only in a pinned context, after a generation with a new best rollout
+        gradient only in a pinned context, at the first success and whenever a seventh more rollouts
+        are known than when it was trained last
     :param pretraining: length and batches of the training on demonstrations
     """
 
@@ -259,40 +260,43 @@ class ACNMP(AdaptiveAlgorithm):
         self.has_aimed = self.has_aimed or any_has_aimed(searched)
         improving = [each for each in searched if self._teaches(each)]
         n_gradients = settings.n_training_steps if improving else 0
-        n_steps = n_gradients + (settings.n_assimilation_steps if solved else 0)
+        n_steps = n_gradients
+        if solved and not (self._pinned and settings.n_training_steps):
+            n_steps += settings.n_assimilation_steps
         if n_steps == 0:
             return
         policy.train()
-        tried = self._tried(improving) if n_gradients else []
+        gradient = self._policy_gradient(improving) if n_gradients else None
         highest = self.lr_schedule(self._current_progress_remaining)
         for step, batch in enumerate(self._sampler().draw(n_steps)):
             update_learning_rate(policy.optimizer, cosine(highest, step / n_steps))
             losses = []
             if settings.supervised:
                 losses.append(negative_log_likelihood(policy.cnmp.network, batch))
-            if step < n_gradients:
-                losses.append(self._policy_gradient_loss(improving, tried))
+            if gradient is not None and step < n_gradients:
+                losses.append(gradient.loss())
             for loss in losses:
                 policy.optimizer.zero_grad()
                 loss.backward()
                 policy.optimizer.step()
         policy.train(False)
         for each in self.searches:
-            if isinstance(each.search, PolicySearch):
+            if isinstance(each.search, CriticSearch):
+                each.search.was_taught()
+            elif isinstance(each.search, PolicySearch):
                 each.search.follow(policy.cnmp.trajectories(each.context[None])[0])
 
     def _teaches(self, searched: ContextSearch) -> bool:
-        """Return whether the network learns from a search's last generation.
+        """Return whether the network learns from a search by policy gradient now.
 
         A network that drives the search always does. Beside a critic it does in a pinned context,
-        where there is a new best rollout: else what it learns by place would be as before. Among
-        drawn contexts it learns from what solved them, for the best of bad rollouts in a few
-        contexts would move its answers in all others.
+        now and then. Among drawn contexts it learns from what solved them, for the best of bad
+        rollouts in a few contexts would move its answers in all others.
         """
         search = searched.search
         if isinstance(search, PolicySearch):
             return True
-        return self._pinned and cast(CriticSearch, search).has_improved
+        return self._pinned and cast(CriticSearch, search).is_to_be_taught
 
     def _sampler(self) -> PointSampler:
         cnmp, known = self.policy.cnmp, self.training_set()
@@ -307,28 +311,12 @@ class ACNMP(AdaptiveAlgorithm):
             cnmp.network.n_members,
         )
 
-    def _tried(self, searched: list[ContextSearch]) -> list[tuple[th.Tensor, th.Tensor]]:
-        """Return each context's normalised trajectories (N, T, D) and their weights (N, T)."""
-        cnmp, settings, pairs = self.policy.cnmp, self.adaptation, []
-        for each in searched:
-            rollouts = self._learned_from(cast(CriticSearch | PolicySearch, each.search))
-            trajectories = cnmp.normalise(cnmp.times.new_tensor(rollouts.trajectories))
-            weights = advantages(settings.advantage, rollouts, settings.temperature)
-            pairs.append((trajectories, cnmp.times.new_tensor(settings.reward_weight * weights)))
-        return pairs
-
-    def _policy_gradient_loss(
-        self, searched: list[ContextSearch], tried: list[tuple[th.Tensor, th.Tensor]]
-    ) -> th.Tensor:
-        """Return Eq. 5.2's loss over the contexts that are searched."""
-        cnmp = self.policy.cnmp
-        contexts = cnmp.times.new_tensor(np.stack([each.context for each in searched]))
-        condition = cnmp.condition(contexts)
-        means = cnmp.network.decode(cnmp.times, cnmp.representation(condition), condition).mean
-        loss = means.new_zeros(())
-        for mean, (trajectories, weights) in zip(means, tried, strict=True):
-            loss = loss + policy_gradient_loss(mean, trajectories, weights)
-        return loss / len(searched)
+    def _policy_gradient(self, searched: list[ContextSearch]) -> PolicyGradient:
+        rollouts = [
+            self._learned_from(cast(CriticSearch | PolicySearch, s.search)) for s in searched
+        ]
+        contexts = np.stack([each.context for each in searched])
+        return PolicyGradient(self.policy.cnmp, self.adaptation, contexts, rollouts)
 
     def _learned_from(self, search: CriticSearch | PolicySearch) -> Generation:
         """Return the rollouts of the policy gradient: all of them if they learn by place."""

@@ -82,7 +82,8 @@ class ACNMPAdaptation(Presets):
 
     :param advantage: of the policy gradient: ``"to_go"`` is the reward from each time on (Eq. 5.2),
         ``"step"`` the reward at each time (the original code), both of the last generation;
-        ``"place"`` goes by the place among all rollouts of the context
+        ``"place"`` goes by the place among all rollouts of the context, and among its successes
+        once there are any
     :param temperature: of ``"place"``, in places: how fast the weight falls with the place
     :param reward_weight: of the policy gradient beside the likelihood. With too little the network
         stays behind its best rollouts, for its likelihood holds it back
@@ -90,7 +91,8 @@ class ACNMPAdaptation(Presets):
         thesis's RL-only ablation
     :param n_training_steps: pairs of alternating steps after a generation; 0 leaves the policy
         gradient out
-    :param n_assimilation_steps: steps of supervised learning after contexts have been assimilated
+    :param n_assimilation_steps: steps of supervised learning after contexts have been assimilated;
+        none in a pinned context where the policy gradient teaches the solution
     :raises ConfigurationError: a value outside its range
     """
 

@@ -21,6 +21,8 @@ FloatArray = NDArray[np.float64]
 
 #: what the critic's processes look at is chosen anew when there are so many times the rollouts
 RECHOOSE = 1.1
+#: a network learns from a search again when there are so many times the rollouts
+TEACH = 1.15
 
 
 @saved_state("subspace")
@@ -124,6 +126,7 @@ class CriticSearch:
     :param n_restarts: how often the region began anew
     :param aims: whether the critic of the last generation aimed
     :param has_aimed: whether what rollouts achieved has changed anything
+    :param n_taught: how many rollouts there were when a network last learned from them
     """
 
     space: Subspace
@@ -138,6 +141,7 @@ class CriticSearch:
     n_restarts: int = 0
     aims: bool = False
     has_aimed: bool = False
+    n_taught: int = 0
 
     def __post_init__(self) -> None:
         """Start without rollouts."""
@@ -237,7 +241,8 @@ class CriticSearch:
         self.points = np.concatenate([self.points, self.space.coordinates(rollouts.trajectories)])
         self.rollouts.append(rollouts)
         self.has_improved = bool(rollouts.rewards.max() > before.max(initial=-np.inf))
-        self.has_succeeded = self.has_succeeded or bool(rollouts.successes.any())
+        if rollouts.successes.any() and not self.has_succeeded:
+            self.has_succeeded, self.n_taught = True, 0
         if len(self.points) <= len(self.starts) and may_aim(self._seen(rollouts)):
             self.starts, self.has_aimed = self.starts[: len(self.points) - 1], True
         n_starts = 1 + len(self.starts)
@@ -248,6 +253,18 @@ class CriticSearch:
         if not self.has_succeeded and self.region.radius < self.settings.restart_radius:
             self.region.radius = self.radius
             self.n_restarts += 1
+
+    @property
+    def is_to_be_taught(self) -> bool:
+        """Whether a network is to learn from the rollouts now: at the first success, then seldom.
+
+        Else the time that it takes would grow with the square of the rollouts.
+        """
+        return len(self.points) >= TEACH * self.n_taught
+
+    def was_taught(self) -> None:
+        """Take note that a network has learned from all rollouts so far."""
+        self.n_taught = len(self.points)
 
     def _begin_around(self, start: int) -> None:
         """Go on around the best of the trajectories to start from, as if it were the only one.
