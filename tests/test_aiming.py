@@ -14,6 +14,7 @@ from sb3_nmp import ACNMP, ACNMPCritic, CNMPArchitecture, CNMPPretraining, Demon
 from sb3_nmp.bayesian.critic import N_AIMED, Critic, may_aim, nearest_misses, tells_misses
 from sb3_nmp.bayesian.gaussian_process import Hypotheses
 from sb3_nmp.bayesian.search import CriticSearch, Subspace
+from sb3_nmp.common.exceptions import InvalidDataError
 from sb3_nmp.common.rollouts import Generation, Information
 
 T = 12
@@ -293,3 +294,21 @@ def test_entries_of_a_context_count_in_standard_deviations_of_the_demonstrated_o
     model = algorithm("MlpPolicy", Throw(WANTED), demonstrations=shown, seed=0, **more)
     search = model.learn(1)._new_search(WANTED.astype(np.float32))
     np.testing.assert_allclose(search.unit, [contexts[:, 0].std(), 1.0], rtol=1e-6)
+
+
+class Beyond(Throw):
+    """Tells that it achieved what is no context."""
+
+    def step(self, action: Any) -> Any:
+        observation, reward, *rest, info = super().step(action)
+        return observation, reward, *rest, info | {"achieved_context": np.array([9.0, 0.0])}
+
+
+@pytest.mark.parametrize(("algorithm", "more"), [(BO, {}), (ACNMP, SMALL)])
+def test_an_achieved_context_outside_the_space_is_told(
+    algorithm: Any, more: dict[str, Any]
+) -> None:
+    shown = Demonstrations(CONTEXTS.astype(np.float32), thrown(CONTEXTS).astype(np.float32))
+    model = algorithm("MlpPolicy", Beyond(WANTED), demonstrations=shown, seed=0, **more)
+    with pytest.raises(InvalidDataError, match=r"achieved_context'\] is \[9.0, 0.0\]; it must lie"):
+        model.learn(3)

@@ -9,6 +9,7 @@ from abc import abstractmethod
 from typing import Any, ClassVar, Unpack, cast
 
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 from stable_baselines3.common.vec_env import VecEnv
@@ -18,7 +19,7 @@ from sb3_nmp.common.buffered import BufferedAlgorithm
 from sb3_nmp.common.context_search import ContextSearch, Proposals, Search, ask_all, thresholds
 from sb3_nmp.common.demonstrations import Demonstrations, check_type
 from sb3_nmp.common.elites import SAME_CONTEXT
-from sb3_nmp.common.environment import check_multiple
+from sb3_nmp.common.environment import check_achieved, check_multiple
 from sb3_nmp.common.exceptions import ConfigurationError, InvalidDataError
 from sb3_nmp.common.policies import ElitePolicy
 from sb3_nmp.common.regression import Regression, fit
@@ -252,6 +253,8 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
         )
 
     def _end_generation(self, generation: Generation) -> None:
+        if generation.achieved is not None:
+            check_achieved(generation.achieved, cast(spaces.Box, self.observation_space))
         proposals, self._proposals = cast(Proposals, self._proposals), None
         if proposals.searches[0] < 0:
             self._open_searches(generation)
