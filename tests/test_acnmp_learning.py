@@ -201,6 +201,11 @@ def test_without_policy_gradient_a_pinned_solution_is_learned_all_the_same(
     assert miss(model) < 0.8 * before
 
 
+def test_only_by_place_the_policy_gradient_teaches_a_solution_by_itself() -> None:
+    assert ACNMPAdaptation().imitates
+    assert not any(ACNMPAdaptation.preset(name).imitates for name in ("to_go", "step", "stream"))
+
+
 def test_the_network_learns_at_the_first_success_and_then_less_and_less_often() -> None:
     space = Subspace(np.zeros((T, 1)), np.random.default_rng(0).standard_normal((3, T, 1)))
     search, taught = CriticSearch(space, 0.7), []

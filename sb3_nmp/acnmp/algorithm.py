@@ -261,7 +261,7 @@ class ACNMP(AdaptiveAlgorithm):
         improving = [each for each in searched if self._teaches(each)]
         n_gradients = settings.n_training_steps if improving else 0
         n_steps = n_gradients
-        if solved and not (self._pinned and settings.n_training_steps):
+        if solved and not (self._pinned and settings.imitates):
             n_steps += settings.n_assimilation_steps
         if n_steps == 0:
             return

@@ -92,7 +92,7 @@ class ACNMPAdaptation(Presets):
     :param n_training_steps: pairs of alternating steps after a generation; 0 leaves the policy
         gradient out
     :param n_assimilation_steps: steps of supervised learning after contexts have been assimilated;
-        none in a pinned context where the policy gradient teaches the solution
+        none in a pinned context where the policy gradient `imitates` the solution
     :raises ConfigurationError: a value outside its range
     """
 
@@ -122,3 +122,11 @@ class ACNMPAdaptation(Presets):
             "n_assimilation_steps": (self.n_assimilation_steps >= 0, ">= 0"),
         }
         check_rules(self, rules)
+
+    @property
+    def imitates(self) -> bool:
+        """Whether the policy gradient pulls the network to the best rollouts: it does by place.
+
+        The other advantages push it away from the bad ones, too, and may leave a solution behind.
+        """
+        return self.n_training_steps > 0 and self.advantage == "place"
