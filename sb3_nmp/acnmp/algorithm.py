@@ -258,15 +258,15 @@ class ACNMP(AdaptiveAlgorithm):
     def _adapt(self, searched: list[ContextSearch], solved: list[ContextSearch]) -> None:
         policy, settings = self.policy, self.adaptation
         self.has_aimed = self.has_aimed or any_has_aimed(searched)
-        improving = [each for each in searched if self._teaches(each)]
-        n_gradients = settings.n_training_steps if improving else 0
+        taught = [each for each in searched if self._teaches(each)]
+        n_gradients = settings.n_training_steps if taught else 0
         n_steps = n_gradients
         if solved and not (self._pinned and settings.imitates):
             n_steps += settings.n_assimilation_steps
         if n_steps == 0:
             return
         policy.train()
-        gradient = self._policy_gradient(improving) if n_gradients else None
+        gradient = self._policy_gradient(taught) if n_gradients else None
         highest = self.lr_schedule(self._current_progress_remaining)
         for step, batch in enumerate(self._sampler().draw(n_steps)):
             update_learning_rate(policy.optimizer, cosine(highest, step / n_steps))

@@ -70,7 +70,7 @@ class ACNMPExploration(ShapedExploration):
 @settings_name("acnmp-adaptation")
 @dataclass(frozen=True)
 class ACNMPAdaptation(Presets):
-    """How ACNMP's network goes on learning after each generation of a search.
+    """How ACNMP's network goes on learning after generations of a search.
 
     Presets: ``"stream"`` learns longer from solutions, and from them alone; ``"to_go"`` and
     ``"step"`` have these advantages, in short training: what is pushed away from a bad rollout has
