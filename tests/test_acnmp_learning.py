@@ -54,6 +54,16 @@ def pretrained(demonstrations: Demonstrations) -> dict[str, th.Tensor]:
     return {name: value.clone() for name, value in model.policy.state_dict().items()}
 
 
+def begun(
+    demonstrations: Demonstrations, pretrained: dict[str, th.Tensor], env: Reach, **settings: Any
+) -> ACNMP:
+    """Return a model that has the pre-trained network."""
+    model = build(demonstrations, env, **settings)
+    model.policy.load_state_dict(pretrained)
+    model.is_pretrained = True
+    return model
+
+
 def driven(
     demonstrations: Demonstrations,
     pretrained: dict[str, th.Tensor],
@@ -63,10 +73,7 @@ def driven(
     """Return a model whose network drove a search, without any solution to assimilate."""
     env = Higher(float(GOAL[0]), tolerance=-1.0)  # no rollout succeeds: only the gradient teaches
     kinds = {"search": "policy", "population_size": 5, **settings}
-    model = build(demonstrations, env, **kinds)
-    model.policy.load_state_dict(pretrained)
-    model.is_pretrained = True
-    return model.learn(n_rollouts)
+    return begun(demonstrations, pretrained, env, **kinds).learn(n_rollouts)
 
 
 def miss(model: ACNMP) -> float:
@@ -157,9 +164,8 @@ def test_a_found_solution_becomes_the_networks_own_answer_beside_a_critic(
     demonstrations: Demonstrations, pretrained: dict[str, th.Tensor]
 ) -> None:
     """The memory's answer succeeds anyway; the network's has to be learned."""
-    model = build(demonstrations, Higher(float(GOAL[0])), policy_kwargs={"cnmp": SMALL})
-    model.policy.load_state_dict(pretrained)
-    model.is_pretrained = True
+    env = Higher(float(GOAL[0]))
+    model = begun(demonstrations, pretrained, env, policy_kwargs={"cnmp": SMALL})
     before = miss(model)
     model.learn(40)
     assert before > 0.1
@@ -178,10 +184,8 @@ class Misleading(Reach):
 def test_the_network_learns_what_succeeded_where_failures_earn_more(
     demonstrations: Demonstrations, pretrained: dict[str, th.Tensor]
 ) -> None:
-    model = build(demonstrations, Misleading(float(GOAL[0])), policy_kwargs={"cnmp": SMALL})
-    model.policy.load_state_dict(pretrained)
-    model.is_pretrained = True
-    model.learn(60)
+    env = Misleading(float(GOAL[0]))
+    model = begun(demonstrations, pretrained, env, policy_kwargs={"cnmp": SMALL}).learn(60)
     assert miss(model) < 0.15  # and not 0.3 too high
     search = model.searches[0].search
     assert isinstance(search, CriticSearch)
@@ -192,10 +196,8 @@ def test_the_network_learns_what_succeeded_where_failures_earn_more(
 def test_without_policy_gradient_a_pinned_solution_is_learned_all_the_same(
     demonstrations: Demonstrations, pretrained: dict[str, th.Tensor]
 ) -> None:
-    settings = ACNMPAdaptation(n_training_steps=0)
-    model = build(demonstrations, Higher(float(GOAL[0])), adaptation=settings)
-    model.policy.load_state_dict(pretrained)
-    model.is_pretrained = True
+    env, off = Higher(float(GOAL[0])), ACNMPAdaptation(n_training_steps=0)
+    model = begun(demonstrations, pretrained, env, adaptation=off)
     before = miss(model)
     model.learn(40)
     assert miss(model) < 0.8 * before

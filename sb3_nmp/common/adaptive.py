@@ -253,8 +253,7 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
         )
 
     def _end_generation(self, generation: Generation) -> None:
-        if generation.achieved is not None:
-            check_achieved(generation.achieved, cast(spaces.Box, self.observation_space))
+        check_achieved(generation.achieved, cast(spaces.Box, self.observation_space))
         proposals, self._proposals = cast(Proposals, self._proposals), None
         if proposals.searches[0] < 0:
             self._open_searches(generation)

@@ -202,13 +202,15 @@ def check_tells_achievement(env: VecEnv) -> None:
         )
 
 
-def check_achieved(achieved: FloatArray, space: spaces.Box) -> None:
+def check_achieved(achieved: FloatArray | None, space: spaces.Box) -> None:
     """Raise where an achieved context lies outside the space of contexts.
 
-    :param achieved: NaN where nothing was achieved, shape (N, C)
+    :param achieved: NaN where nothing was achieved, shape (N, C); None: not told
     :param space: of the contexts
     :raises InvalidDataError: one does
     """
+    if achieved is None:
+        return
     told = achieved[np.isfinite(achieved).all(axis=1)]
     outside = (told < space.low - 1e-5) | (told > space.high + 1e-5)
     if outside.any():

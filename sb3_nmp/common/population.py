@@ -256,9 +256,8 @@ class PopulationSearch(SkillSearch):
         )
 
     def _end_generation(self, generation: Generation) -> None:
-        if generation.achieved is not None:
-            space = cast(spaces.Box, self.observation_space)
-            environment.check_achieved(generation.achieved, space)
+        space = cast(spaces.Box, self.observation_space)
+        environment.check_achieved(generation.achieved, space)
         self.replay_buffer.add(
             generation.contexts,
             generation.trajectories,
