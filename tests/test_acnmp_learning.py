@@ -203,6 +203,20 @@ def test_without_policy_gradient_a_pinned_solution_is_learned_all_the_same(
     assert miss(model) < 0.8 * before
 
 
+def test_assimilation_does_not_put_off_the_policy_gradient(
+    demonstrations: Demonstrations, pretrained: dict[str, th.Tensor]
+) -> None:
+    """By step a new solution is assimilated each time; only the gradient's own steps count."""
+    env, adaptation = Higher(float(GOAL[0]), tolerance=9.0), ACNMPAdaptation.preset("step")
+    model = begun(demonstrations, pretrained, env, adaptation=adaptation).learn(20)
+    search = model.searches[0].search
+    assert isinstance(search, CriticSearch)
+    search.n_taught = before = len(search.points) - 1
+    assert not search.is_to_be_taught
+    model._adapt(model.searches, model.searches)  # solved anew, and no time to be taught
+    assert search.n_taught == before
+
+
 def test_only_by_place_the_policy_gradient_teaches_a_solution_by_itself() -> None:
     assert ACNMPAdaptation().imitates
     assert not any(ACNMPAdaptation.preset(name).imitates for name in ("to_go", "step", "stream"))

@@ -280,11 +280,19 @@ class ACNMP(AdaptiveAlgorithm):
                 loss.backward()
                 policy.optimizer.step()
         policy.train(False)
-        for each in self.searches:
+        self._tell_searches(taught)
+
+    def _tell_searches(self, taught: list[ContextSearch]) -> None:
+        """Let critics' searches know when they were learned from, and others follow the network.
+
+        :param taught: those that the network has learned from by policy gradient
+        """
+        for each in taught:
             if isinstance(each.search, CriticSearch):
                 each.search.was_taught()
-            elif isinstance(each.search, PolicySearch):
-                each.search.follow(policy.cnmp.trajectories(each.context[None])[0])
+        for each in self.searches:
+            if isinstance(each.search, PolicySearch):
+                each.search.follow(self.policy.cnmp.trajectories(each.context[None])[0])
 
     def _teaches(self, searched: ContextSearch) -> bool:
         """Return whether the network learns from a search by policy gradient now.
