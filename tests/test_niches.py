@@ -12,7 +12,7 @@ from benchmark_envs import make_task
 from benchmark_envs.tasks.bottles import BOTTLES
 from sb3_nmp import RCNMP, ConfigurationError, RCNMPTraining
 from sb3_nmp.common.buffer import TrajectoryBuffer
-from sb3_nmp.common.niches import Niches
+from sb3_nmp.common.niches import Niches, View
 
 ENV_ID = "nmp/Bottles-v0"
 INITIAL = np.zeros((10, 1))
@@ -106,6 +106,35 @@ def test_the_networks_search_takes_turns_too() -> None:
     model = make("MlpPolicy", ENV_ID, seed=0, n_modes=2, **settings).learn(60)
     shares = model._shares()
     assert shares.shape == (60,) and shares.sum() == pytest.approx(1.0)
+
+
+def test_parents_from_the_network_are_of_the_way_that_is_bettered() -> None:
+    make: Any = RCNMP
+    model = make("MlpPolicy", ENV_ID, seed=0, n_modes=2, training=RCNMPTraining(5)).learn(20)
+    line = model.initial.mean(axis=0)
+    bent = line + np.array([0.1, 0.0])
+    model.replay_buffer.trajectories[:2] = np.stack([bent, 2 * line - bent])
+    model._niches.best, model._niches.born = [0, 1], [0, 0]
+
+    def bend(codes: NDArray[np.float32]) -> NDArray[np.float64]:
+        """To the side that the first latent says; none at all where it is large."""
+        side = np.where(np.abs(codes[:, 0]) < 6, np.sign(codes[:, 0]), 0.0)
+        return line + side[:, None, None] * (bent - line)
+
+    model._decode = bend
+    successes = model.replay_buffer.successes
+    views = model._niches.views(model.replay_buffer, line, 20, 3)
+    assert [view.way for view in views] == [0, 1]
+    for view, sign in zip(views, (1.0, -1.0), strict=True):
+        latents, are_of_use = model._draw_latents(50, view)
+        assert are_of_use
+        assert (np.sign(latents[..., 0]) == sign).all()
+        assert len(np.unique(latents[..., 0])) > 20, "they are drawn, not one of them repeated"
+    model._decode = lambda codes: np.repeat(bent[None], len(codes), axis=0)
+    assert not model._draw_latents(5, views[1])[1]
+    assert (model._draw_parents(20, 16, views[1]).rows >= 0).all(), "stored rollouts are left"
+    both = View(model.replay_buffer.rewards, successes, 20, 3)
+    assert set(np.sign(model._draw_latents(50, both)[0][..., 0].ravel())) == {1.0, -1.0}
 
 
 @pytest.mark.parametrize("settings", [{"n_modes": 11}, {"n_modes": 0}, {"buffer_size": 100}])

@@ -26,6 +26,8 @@ class View:
     :param n: how many members see it so
     :param age: generations since their noise began to decay
     :param fresh: share of their candidates that are made as in the first generation
+    :param way: the number of the one that they are to better; None where there is none, or where
+        they look for others
     """
 
     rewards: FloatArray
@@ -33,6 +35,7 @@ class View:
     n: int
     age: int
     fresh: float = 0.0
+    way: int | None = None
 
 
 @saved_state("niches")
@@ -96,11 +99,28 @@ class Niches:
         :param buffer: all rollouts so far
         :param initial: shape (T, D)
         """
-        centres = [initial, *buffer.trajectories[self.best]]
-        distances = np.stack([_distances(buffer, centre) for centre in centres])
+        distances = self._distances(buffer.trajectories, buffer, initial)
         nearest = distances.argmin(axis=0) - 1
         nearest[self.same] = distances[1:, self.same].argmin(axis=0)
         return nearest
+
+    def nearest(
+        self, trajectories: NDArray[np.floating], buffer: TrajectoryBuffer, initial: FloatArray
+    ) -> NDArray[np.intp]:
+        """Return the way of trajectories that were not executed, as `labels` does, shape (M,).
+
+        :param trajectories: shape (M, T, D)
+        :param buffer: all rollouts so far
+        :param initial: shape (T, D)
+        """
+        return self._distances(trajectories, buffer, initial).argmin(axis=0) - 1
+
+    def _distances(
+        self, trajectories: NDArray[np.floating], buffer: TrajectoryBuffer, initial: FloatArray
+    ) -> FloatArray:
+        """Return how far they are from the initial one and from each way's best, (1 + K, M)."""
+        centres = [initial, *buffer.trajectories[self.best]]
+        return np.stack([_distances(trajectories, centre) for centre in centres])
 
     def views(
         self, buffer: TrajectoryBuffer, initial: FloatArray, n: int, generation: int
@@ -118,7 +138,7 @@ class Niches:
         n_new = n // 2 if len(self.best) < self.n_modes else 0
         shares = [len(part) for part in np.array_split(np.arange(n - n_new), len(self.best))]
         views = [
-            _view(buffer, labels == k, share, generation - self.born[k])
+            _view(buffer, labels == k, share, generation - self.born[k], way=k)
             for k, share in enumerate(shares)
         ]
         if n_new:
@@ -139,18 +159,23 @@ class Niches:
             return None
         self.pending = int(rows[buffer.rewards[rows].argmax()])
         stored = buffer.trajectories.astype(np.float64)
-        nearest = _distances(buffer, stored[self.pending])[self.best].argmin()
+        nearest = _distances(buffer.trajectories, stored[self.pending])[self.best].argmin()
         return 0.5 * (stored[self.pending] + stored[self.best[int(nearest)]])
 
 
 def _view(
-    buffer: TrajectoryBuffer, mine: NDArray[np.bool_], n: int, age: int, fresh: float = 0.0
+    buffer: TrajectoryBuffer,
+    mine: NDArray[np.bool_],
+    n: int,
+    age: int,
+    fresh: float = 0.0,
+    way: int | None = None,
 ) -> View:
     worst = buffer.rewards.min() - 1.0
     rewards = np.where(mine, buffer.rewards, worst)
-    return View(rewards, buffer.successes & mine, n, age, fresh)
+    return View(rewards, buffer.successes & mine, n, age, fresh, way)
 
 
-def _distances(buffer: TrajectoryBuffer, trajectory: NDArray[np.floating]) -> FloatArray:
-    """Return the root mean square distances of all rollouts from a trajectory, shape (N,)."""
-    return np.sqrt(((buffer.trajectories - trajectory) ** 2).mean(axis=(1, 2))).astype(np.float64)
+def _distances(trajectories: NDArray[np.floating], centre: NDArray[np.floating]) -> FloatArray:
+    """Return the root mean square distances of trajectories from one, shape (M,)."""
+    return np.sqrt(((trajectories - centre) ** 2).mean(axis=(1, 2))).astype(np.float64)

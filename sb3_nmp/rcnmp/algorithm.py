@@ -167,12 +167,12 @@ class RCNMP(PopulationSearch):
         """
         rng, n_time_points = self.rng, self.policy.trajectory_shape[0]
         n_plain, n_draws = n - n_crossover, n - n_crossover // 2
-        context = self.replay_buffer.contexts[-1]
-        latents = self.policy.draw_codes(rng, context, (2, n_draws), self.latent_std)
+        latents, are_of_use = self._draw_latents(n_draws, view)
         weights = selection_weights(view.rewards, self.temperature)
         rows = rng.choice(len(weights), (2, n_draws), p=weights)
-        rows[rng.uniform(size=rows.shape) >= self.elite_parents] = -1
-        rows[:, :n_plain] = -1
+        if are_of_use:
+            rows[rng.uniform(size=rows.shape) >= self.elite_parents] = -1
+            rows[:, :n_plain] = -1
         cuts = rng.integers(1, n_time_points, n_draws)
         cuts[:n_plain] = n_time_points
         twins = slice(n_plain, None)  # the second child has the parents swapped
@@ -182,18 +182,46 @@ class RCNMP(PopulationSearch):
             cuts=np.concatenate([cuts, cuts[twins]]),
         )
 
+    def _draw_latents(self, n: int, view: View) -> tuple[NDArray[np.float32], bool]:
+        """Draw latents of both parents, shape (2, n, code_dim), and tell whether they are of use.
+
+        One network holds all ways to do the task, and a child of two of them is of neither: where
+        a view is of one way, latents that decode to another are replaced by some that do not.
+
+        :param n: how many pairs
+        :param view: of one way or of all
+        :return: besides, False where no latent decodes to the view's way
+        """
+        context = self.replay_buffer.contexts[-1]
+        latents = self.policy.draw_codes(self.rng, context, (2, n), self.latent_std)
+        if view.way is None:
+            return latents, True
+        codes = latents.reshape(2 * n, -1)
+        line = self.initial.mean(axis=0)
+        ways = self._niches.nearest(self._decode(codes), self.replay_buffer, line)
+        own = np.flatnonzero(ways == view.way)
+        if len(own) == 0:
+            return latents, False
+        others = np.flatnonzero(ways != view.way)
+        codes[others] = codes[self.rng.choice(own, len(others))]
+        return codes.reshape(latents.shape), True
+
     def _parent(self, latents: NDArray[np.float32], rows: NDArray[np.int_]) -> NDArray[np.float64]:
         """Return parents: stored rollouts, or what latents decode to, shape (N, T, D).
 
         :param latents: shape (N, code_dim)
         :param rows: of the stored ones, -1 for the others, shape (N,)
         """
+        stored = self.replay_buffer.trajectories[rows]
+        return np.where((rows >= 0)[:, None, None], stored, self._decode(latents))
+
+    def _decode(self, latents: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return what latents (N, code_dim) decode to at the best reward, shape (N, T, D)."""
         codes = th.as_tensor(latents, device=self.device)
         context = th.as_tensor(self.replay_buffer.contexts[-1:], device=self.device)
         with th.no_grad():
             decoded = self.policy.generate(context.expand(len(codes), -1), codes)
-        stored = self.replay_buffer.trajectories[rows]
-        return np.where((rows >= 0)[:, None, None], stored, decoded.cpu().numpy())
+        return decoded.cpu().numpy()
 
     def _promise(self, trajectories: NDArray[np.float64], view: View) -> NDArray[np.float64]:
         """Let an ensemble that has seen all rollouts judge."""
