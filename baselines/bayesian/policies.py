@@ -11,7 +11,7 @@ from stable_baselines3.common.type_aliases import Schedule
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.growing import GrowingModule
 from sb3_nmp.common.policies import ElitePolicy
-from sb3_nmp.common.regression import Answer, Regression, check_regression, fit
+from sb3_nmp.common.regression import Refitted, Regression, check_regression
 
 FloatArray = NDArray[np.float64]
 
@@ -36,10 +36,9 @@ class KnownTrajectories(GrowingModule):
         regression: Regression,
     ) -> None:
         super().__init__()
-        self.regression: Regression = regression
+        self.regression = Refitted(regression)
         self.register_buffer("contexts", th.empty(0, context_dim, dtype=th.float64))
         self.register_buffer("trajectories", th.empty(0, *trajectory_shape, dtype=th.float64))
-        self._fitted: tuple[th.Tensor, Answer] | None = None
 
     def learn(self, contexts: NDArray[np.floating], trajectories: NDArray[np.floating]) -> None:
         """Take over what is known from now on.
@@ -62,11 +61,8 @@ class KnownTrajectories(GrowingModule):
                 "this policy knows no trajectory; call policy.known.learn(contexts, trajectories), "
                 "as BO does with its demonstrations."
             )
-        if self._fitted is None or self._fitted[0] is not known:  # learned or loaded since
-            flat = known.flatten(1).cpu().numpy()
-            rows = self.contexts.cpu().numpy()
-            self._fitted = known, fit(self.regression, rows, flat)
-        return self._fitted[1](np.asarray(contexts, np.float64)).reshape(-1, *known.shape[1:])
+        answer = self.regression.on(self.contexts, known)
+        return answer(np.asarray(contexts, np.float64)).reshape(-1, *known.shape[1:])
 
 
 class BOPolicy(ElitePolicy):

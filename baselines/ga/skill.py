@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sb3_nmp.common.contextual import Experience
 from sb3_nmp.common.growing import GrowingModule
-from sb3_nmp.common.regression import Regression, check_regression, fit
+from sb3_nmp.common.regression import Refitted, Regression, check_regression
 from sb3_nmp.models.skill_space import SkillSpace
 
 FloatArray = NDArray[np.float64]
@@ -43,7 +43,7 @@ class RegressionSkill(GrowingModule):
     ) -> None:
         super().__init__()
         check_regression(regression)
-        self.regression: Regression = regression
+        self.regression = Refitted(regression)
         self.space = SkillSpace(context_dim, trajectory_shape, n_bases)
         self.register_buffer("contexts", th.empty(0, context_dim, dtype=th.float64))
         self.register_buffer("right", th.empty(0, self.space.n_weights, dtype=th.float64))
@@ -72,8 +72,7 @@ class RegressionSkill(GrowingModule):
 
         :param contexts: shape (N, C)
         """
-        known, weights = self.contexts.cpu().numpy(), self.right.cpu().numpy()
-        return fit(self.regression, known, weights)(np.asarray(contexts, np.float64))
+        return self.regression.on(self.contexts, self.right)(np.asarray(contexts, np.float64))
 
     def explore(self, contexts: NDArray[np.floating], members: NDArray[np.intp]) -> FloatArray:
         """Return the weights around which members of a generation explore: the answers, (n, P).

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Literal, cast, get_args
 
 import numpy as np
+import torch as th
 from numpy.typing import NDArray
 
 from sb3_nmp.common.exceptions import ConfigurationError
@@ -60,6 +61,33 @@ def fit(regression: Regression, contexts: FloatArray, values: FloatArray) -> Ans
     else:
         answer = gaussian_process(known[-NEWEST:], values[-NEWEST:])
     return lambda asked: answer(np.asarray(asked, np.float64) / std)
+
+
+class Refitted:
+    """A regression on what is known, fitted when it is first asked after that has changed.
+
+    >>> regression, known = Refitted("nearest"), th.tensor([[0.0], [1.0]])
+    >>> regression.on(known, 4 * known)(np.array([[0.9]])).tolist()
+    [[4.0]]
+
+    :param regression: which one
+    """
+
+    def __init__(self, regression: Regression) -> None:
+        self.regression: Regression = regression
+        self._fitted: tuple[th.Tensor, Answer] | None = None
+
+    def on(self, contexts: th.Tensor, values: th.Tensor) -> Answer:
+        """Return what answers contexts.
+
+        :param contexts: the known ones, shape (M, C)
+        :param values: theirs, shape (M, ...), which the answers have flat; fitted again where it is
+            another tensor than before: learned or loaded since
+        """
+        if self._fitted is None or self._fitted[0] is not values:
+            rows, flat = contexts.cpu().numpy(), values.flatten(1).cpu().numpy()
+            self._fitted = values, fit(self.regression, rows, flat)
+        return self._fitted[1]
 
 
 def nearest(known: FloatArray, values: FloatArray) -> Answer:
