@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import signal
+import weakref
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, ClassVar, cast
@@ -80,6 +81,16 @@ class HillClimber(TrajectoryAlgorithm):
         if generation.rewards[best] > self.best_reward:
             self.best_reward = float(generation.rewards[best])
             self.best_policy.best = th.as_tensor(generation.trajectories[best])
+
+
+class Remembered(HillClimber):
+    """Can be asked for afterwards, as long as it has not been collected."""
+
+    alive: ClassVar[weakref.WeakSet[HillClimber]] = weakref.WeakSet()
+
+    def _setup_model(self) -> None:
+        super()._setup_model()
+        self.alive.add(self)
 
 
 class Broken(HillClimber):

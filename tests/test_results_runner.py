@@ -1,3 +1,4 @@
+import gc
 import os
 import signal
 import subprocess
@@ -12,13 +13,15 @@ import pytest
 from results.exceptions import SettingsClashError
 from results.harness.environments import RunTask
 from results.harness.progress import run_with_progress
+from results.harness.provenance import provenance
 from results.harness.record_files import read_record, read_records
 from results.harness.records import Result
 from results.harness.resume import plan_runs
-from results.harness.runner import RolloutCounters, execute, run_plan
+from results.harness.runner import RolloutCounters, execute, record_of, run_plan
 from results.harness.specification import Algorithm, RunSpecification, plain
 from results.one_context.protocol import OneContext
 from results.report.frames import curves_frame
+from tests.results_fakes import Remembered
 
 TASK = "nmp/Bottles-v0"
 
@@ -78,6 +81,15 @@ def test_a_record_describes_itself(tmp_path: Path):
     assert record.task.trajectory_names == ("hand x [m]", "hand y [m]")
     curves = curves_frame([record])
     assert len(curves) == 12 and curves["seed"].unique().tolist() == [0]
+
+
+def test_a_run_leaves_no_model_behind():
+    gc.disable()  # what Python would collect sooner or later
+    try:
+        assert record_of(run_of(0, "Remembered"), provenance()).finished
+    finally:
+        gc.enable()
+    assert len(Remembered.alive) == 0
 
 
 def test_finished_runs_are_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -1,5 +1,6 @@
 """Runs a plan: in parallel processes, one result file per run, resumable."""
 
+import gc
 import tempfile
 import time
 import traceback
@@ -149,6 +150,10 @@ def record_of(
         return RunRecord(run.record, origin, "finished", execute(run, on_rollouts))
     except Exception as error:  # whatever an algorithm raises is this run's result
         return _failed(run, origin, error)
+    finally:
+        # A model, its environment and its callbacks refer to each other. They are few, so Python
+        # would wait, and large, so a process of many runs would grow.
+        gc.collect()
 
 
 def _failed(run: RunSpecification, origin: Provenance, error: BaseException) -> RunRecord:
