@@ -18,8 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3 import PPO, SAC, HerReplayBuffer
 
+from baselines import BO
 from benchmark_envs import FetchExpert, fetch_env
 from sb3_nmp import ACNMP, RCNMP, Demonstrations
+from sb3_nmp.common.regression import Regression
 
 Array = NDArray[Any]
 #: rollouts after which a method is evaluated, in the order of the runs
@@ -28,6 +30,12 @@ COUNTS: dict[tuple[str, str], tuple[int, ...]] = {
     ("FetchReach-v4", "ACNMP"): (0, 200),
 }
 OTHERWISE = (0, 100, 200, 400, 600)
+#: methods that answer from the demonstrations alone, before any rollout
+TWINS: dict[str, Regression] = {
+    "nearest": "nearest",
+    "ridge": "ridge",
+    "Gaussian process": "gaussian-process",
+}
 N_CONTEXTS, N_ON_THE_WAY, N_DEMONSTRATIONS, STEPS = 200, 50, 20, 50
 #: unseen goals are drawn with these seeds, demonstrated ones with the run's own
 FIRST_TEST_SEED, FIRST_EXPERT_SEED = 500_000, 900_000
@@ -79,7 +87,7 @@ def bandit(task: str, method: str, seed: int) -> tuple[Any, Callable[[Array], Ar
     """Return one of our models, and its greedy answer.
 
     :param task: id of the Fetch task
-    :param method: ``"RC-NMP"`` or ``"ACNMP"``
+    :param method: ``"RC-NMP"``, ``"ACNMP"`` or one of `TWINS`
     :param seed: of the run
     """
     env: Any = fetch_env(task)
@@ -88,7 +96,11 @@ def bandit(task: str, method: str, seed: int) -> tuple[Any, Callable[[Array], Ar
     else:
         expert = FetchExpert(task)
         shown = Demonstrations.from_task(expert, N_DEMONSTRATIONS, seed=FIRST_EXPERT_SEED + seed)
-        model = ACNMP("MlpPolicy", env, demonstrations=shown, seed=seed).pretrain()
+        if method == "ACNMP":
+            model = ACNMP("MlpPolicy", env, demonstrations=shown, seed=seed).pretrain()
+        else:
+            answered = {"regression": TWINS[method]}
+            model = BO("MlpPolicy", env, demonstrations=shown, seed=seed, policy_kwargs=answered)
     return model, lambda context: model.predict(context, deterministic=True)[0]
 
 
@@ -125,11 +137,11 @@ def run(task: str, method: str, seed: int) -> dict[str, Any]:
     """Run one method on one task; return its record.
 
     :param task: id of the Fetch task
-    :param method: ``"RC-NMP"``, ``"ACNMP"``, ``"SAC+HER"`` or ``"PPO"``
+    :param method: ``"RC-NMP"``, ``"ACNMP"``, one of `TWINS`, ``"SAC+HER"`` or ``"PPO"``
     :param seed: of the run
     """
-    begun, ours = time.time(), method in ("RC-NMP", "ACNMP")
-    counts = COUNTS.get((task, method), OTHERWISE)
+    begun, ours = time.time(), method in ("RC-NMP", "ACNMP", *TWINS)
+    counts = (0,) if method in TWINS else COUNTS.get((task, method), OTHERWISE)
     contexts, curve = unseen_contexts(task), []
     model, asked = (bandit if ours else stepwise)(task, method, seed)
     asked = cast(Any, asked)
@@ -138,7 +150,7 @@ def run(task: str, method: str, seed: int) -> dict[str, Any]:
         budget = count * per_rollout - model.num_timesteps
         if budget > 0:
             model.learn(budget, reset_num_timesteps=False)
-        if ours and method == "RC-NMP" and count == 0:
+        if method == "RC-NMP" and count == 0:
             continue  # there is no answer yet
         n = N_CONTEXTS if count == counts[-1] else N_ON_THE_WAY
         found = (
