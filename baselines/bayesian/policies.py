@@ -11,7 +11,7 @@ from stable_baselines3.common.type_aliases import Schedule
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.growing import GrowingModule
 from sb3_nmp.common.policies import ElitePolicy
-from sb3_nmp.common.regression import Refitted, Regression, check_regression
+from sb3_nmp.common.regression import Refitted, Regression
 
 FloatArray = NDArray[np.float64]
 
@@ -90,7 +90,6 @@ class BOPolicy(ElitePolicy):
         regression: Regression = "gaussian-process",
     ) -> None:
         super().__init__(observation_space, action_space)
-        check_regression(regression)
         self.settings: dict[str, Any] = {"regression": regression}
         self.known = KnownTrajectories(self.context_dim, self.trajectory_shape, regression)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sb3_nmp.common.contextual import Experience
 from sb3_nmp.common.growing import GrowingModule
-from sb3_nmp.common.regression import Refitted, Regression, check_regression
+from sb3_nmp.common.regression import Refitted, Regression
 from sb3_nmp.models.skill_space import SkillSpace
 
 FloatArray = NDArray[np.float64]
@@ -42,7 +42,6 @@ class RegressionSkill(GrowingModule):
         n_bases: int = 8,
     ) -> None:
         super().__init__()
-        check_regression(regression)
         self.regression = Refitted(regression)
         self.space = SkillSpace(context_dim, trajectory_shape, n_bases)
         self.register_buffer("contexts", th.empty(0, context_dim, dtype=th.float64))

@@ -20,8 +20,8 @@ from stable_baselines3 import PPO, SAC, HerReplayBuffer
 
 from baselines import BO
 from benchmark_envs import FetchExpert, fetch_env
+from results.algorithms import TWINS
 from sb3_nmp import ACNMP, RCNMP, Demonstrations
-from sb3_nmp.common.regression import Regression
 
 Array = NDArray[Any]
 #: rollouts after which a method is evaluated, in the order of the runs
@@ -30,12 +30,6 @@ COUNTS: dict[tuple[str, str], tuple[int, ...]] = {
     ("FetchReach-v4", "ACNMP"): (0, 200),
 }
 OTHERWISE = (0, 100, 200, 400, 600)
-#: methods that answer from the demonstrations alone, before any rollout
-TWINS: dict[str, Regression] = {
-    "nearest": "nearest",
-    "ridge": "ridge",
-    "Gaussian process": "gaussian-process",
-}
 N_CONTEXTS, N_ON_THE_WAY, N_DEMONSTRATIONS, STEPS = 200, 50, 20, 50
 #: unseen goals are drawn with these seeds, demonstrated ones with the run's own
 FIRST_TEST_SEED, FIRST_EXPERT_SEED = 500_000, 900_000
@@ -141,6 +135,7 @@ def run(task: str, method: str, seed: int) -> dict[str, Any]:
     :param seed: of the run
     """
     begun, ours = time.time(), method in ("RC-NMP", "ACNMP", *TWINS)
+    # what a twin answers from the demonstrations is asked before any rollout
     counts = (0,) if method in TWINS else COUNTS.get((task, method), OTHERWISE)
     contexts, curve = unseen_contexts(task), []
     model, asked = (bandit if ours else stepwise)(task, method, seed)

@@ -99,7 +99,7 @@ class Niches:
         :param buffer: all rollouts so far
         :param initial: shape (T, D)
         """
-        distances = self._distances(buffer.trajectories, buffer, initial)
+        distances = self._from_centres(buffer.trajectories, buffer, initial)
         nearest = distances.argmin(axis=0) - 1
         nearest[self.same] = distances[1:, self.same].argmin(axis=0)
         return nearest
@@ -113,9 +113,9 @@ class Niches:
         :param buffer: all rollouts so far
         :param initial: shape (T, D)
         """
-        return self._distances(trajectories, buffer, initial).argmin(axis=0) - 1
+        return self._from_centres(trajectories, buffer, initial).argmin(axis=0) - 1
 
-    def _distances(
+    def _from_centres(
         self, trajectories: NDArray[np.floating], buffer: TrajectoryBuffer, initial: FloatArray
     ) -> FloatArray:
         """Return how far they are from the initial one and from each way's best, (1 + K, M)."""

@@ -67,13 +67,18 @@ class Refitted:
     """A regression on what is known, fitted when it is first asked after that has changed.
 
     >>> regression, known = Refitted("nearest"), th.tensor([[0.0], [1.0]])
-    >>> regression.on(known, 4 * known)(np.array([[0.9]])).tolist()
+    >>> values = 4 * known
+    >>> regression.on(known, values)(np.array([[0.9]])).tolist()
     [[4.0]]
+    >>> regression.on(known, values) is regression.on(known, values)
+    True
 
     :param regression: which one
+    :raises ConfigurationError: there is no such regression
     """
 
     def __init__(self, regression: Regression) -> None:
+        check_regression(regression)
         self.regression: Regression = regression
         self._fitted: tuple[th.Tensor, Answer] | None = None
 
