@@ -16,7 +16,7 @@ class CNMPArchitecture(Presets):
     """Architecture of a CNMP.
 
     ``CNMPArchitecture.preset("stream")`` gives the context to the decoder too, which pays where
-    hundreds of contexts are learned.
+    hundreds of contexts are learned, and fits the trend.
 
     >>> from sb3_nmp import CNMPArchitecture
     >>> CNMPArchitecture.preset("stream").context_in_decoder
@@ -28,6 +28,9 @@ class CNMPArchitecture(Presets):
     :param decoder_arch: hidden layers of the decoder
     :param context_in_decoder: give the context to the decoder too, as the thesis does
     :param linear_trend: whether the mean has a trend that is linear in the decoder's inputs
+    :param fitted_trend: whether training begins with the trend that is the demonstrations' linear
+        regression on their contexts, which Adam comes near to, but does not meet; the decoder must
+        be given the contexts
     :param n_frequencies: of the time features; 0 feeds time as it is, as the thesis does
     :param min_std: smallest standard deviation of the output, in units of the demonstrations'
         own; without it, Eq. 4.1 has no bound once the demonstrations are met exactly
@@ -37,7 +40,8 @@ class CNMPArchitecture(Presets):
     :param n_modes: the most ways to do the task that are told apart among the demonstrations, by a
         categorical latent (chapter 7 names it as future work). 1 takes all for one way: two ways,
         such as left and right of an obstacle, are averaged
-    :raises ConfigurationError: ``n_members`` or ``n_modes`` is no whole number >= 1
+    :raises ConfigurationError: ``n_members`` or ``n_modes`` is no whole number >= 1, or there is no
+        trend to fit
     """
 
     representation_dim: int = 16
@@ -51,12 +55,20 @@ class CNMPArchitecture(Presets):
     activation_fn: type[nn.Module] = nn.ReLU
     n_members: int = 5
     n_modes: int = 1
+    fitted_trend: bool = False
 
-    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"stream": {"context_in_decoder": True}}
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "stream": {"context_in_decoder": True, "fitted_trend": True}
+    }
 
     def __post_init__(self) -> None:
-        """Check the numbers of members and of modes."""
+        """Check the numbers of members and of modes, and that there is a trend to fit."""
         for name in ("n_members", "n_modes"):
             value = getattr(self, name)
             if int(value) != value or value < 1:
                 raise ConfigurationError(f"{name} is {value}; it must be a whole number >= 1.")
+        if self.fitted_trend and not (self.context_in_decoder and self.linear_trend):
+            raise ConfigurationError(
+                "fitted_trend is True, but the decoder has no trend in the contexts: give "
+                "context_in_decoder=True and linear_trend=True, or fitted_trend=False."
+            )

@@ -65,6 +65,7 @@ class CNMP(nn.Module):
         self.gate = ModeGate(context_dim, n_modes) if n_modes > 1 else None
         condition_dim = context_dim + (n_modes if n_modes > 1 else 0)
         self.network = ConditionalNeuralProcess(n_dimensions, condition_dim, architecture)
+        self.has_fitted_trend = architecture.fitted_trend
         self.register_buffer("times", th.linspace(0.0, 1.0, n_time_points))
         self.register_buffer("context_mean", th.zeros(context_dim))
         self.register_buffer("context_std", th.ones(context_dim))
@@ -147,6 +148,17 @@ class CNMP(nn.Module):
         shapes = values[:, at].flatten(1).cpu().numpy().astype(np.float64)
         found = sort_into_modes(contexts.cpu().numpy(), shapes, self.gate.n_modes)
         return th.as_tensor(found, device=values.device)
+
+    def fit_trend(self, demonstrations: Demonstrations, modes: th.Tensor) -> None:
+        """Let the decoder's trend be the linear regression on demonstrations, where it is fitted.
+
+        :param demonstrations: N of them, whose scale is known (`set_scale`)
+        :param modes: theirs, shape (N,)
+        """
+        if self.has_fitted_trend:
+            condition = self.condition(self.times.new_tensor(demonstrations.contexts), modes)
+            values = self._normalised(demonstrations)[1]
+            self.network.decoder.fit_trend(self.times, condition, values)
 
     def nearest_modes(self, demonstrations: Demonstrations) -> th.Tensor:
         """Return for each demonstration the mode whose answer is nearest to it, shape (N,).

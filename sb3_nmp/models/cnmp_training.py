@@ -204,6 +204,7 @@ def pretrain(
     cnmp.set_scale(demonstrations)
     modes = cnmp.find_modes(demonstrations)
     cnmp.teach_gate(demonstrations, modes)
+    cnmp.fit_trend(demonstrations, modes)
     optimizer = th.optim.AdamW(
         cnmp.parameters(), settings.learning_rate, weight_decay=settings.weight_decay, fused=True
     )

@@ -8,12 +8,15 @@ and outputs begin with E, and members share nothing.
 
 import math
 from itertools import pairwise
+from typing import cast
 
 import torch as th
 from torch import nn
 
 from sb3_nmp.common.settings import settings_name
 
+#: of a fitted trend's slopes, for each demonstration, contexts having a standard deviation of 1
+TREND_RIDGE = 0.01
 #: the activations that settings name in files
 ACTIVATIONS = {
     "relu": nn.ReLU,
@@ -187,3 +190,28 @@ class TrajectoryDecoder(nn.Module):
         bases = nn.functional.pad(features, (0, 1), value=1.0).expand(*outputs.shape[:-1], -1)
         trend = bases @ self.trend(constant).unflatten(-1, (bases.shape[-1], -1))
         return outputs + nn.functional.pad(trend, (0, outputs.shape[-1] - trend.shape[-1]))
+
+    @th.no_grad()
+    def fit_trend(self, times: th.Tensor, condition: th.Tensor, values: th.Tensor) -> None:
+        """Let the trend be the ridge regression of trajectories on a condition, of all members.
+
+        :param times: shape (T,)
+        :param condition: the last K of the inputs, shape (N, K)
+        :param values: of the trend's outputs, shape (N, T, trend_dim)
+        """
+        trend = cast(nn.Linear | MemberLinear, self.trend)
+        bases = nn.functional.pad(self.features(times), (0, 1), value=1.0).double()
+        weights = th.linalg.lstsq(bases, values.double().movedim(0, 1).flatten(1)).solution
+        wanted = weights.unflatten(1, (len(values), -1)).movedim(1, 0).flatten(1)
+        rows = condition.double()
+        centre, middle = rows.mean(dim=0), wanted.mean(dim=0)
+        gram = (rows - centre).T @ (rows - centre)
+        gram.diagonal().add_(TREND_RIDGE * len(rows))
+        slopes = th.linalg.solve(gram, (rows - centre).T @ (wanted - middle))
+        n = len(slopes)
+        trend.weight.zero_()
+        if isinstance(trend, MemberLinear):
+            trend.weight[:, -n:] = slopes.to(trend.weight)
+        else:
+            trend.weight[:, -n:] = slopes.T.to(trend.weight)
+        cast(nn.Parameter, trend.bias)[:] = (middle - centre @ slopes).to(trend.weight)
