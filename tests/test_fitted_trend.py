@@ -43,7 +43,9 @@ def test_before_any_step_the_trend_is_the_regression(n_members: int) -> None:
     cnmp.set_scale(demonstrations)
     for parameter in cnmp.network.decoder.layers[-1].parameters():  # what else is added
         th.nn.init.zeros_(parameter)
-    for parameter in cnmp.network.decoder.trend.parameters():  # learned earlier
+    trend = cnmp.network.decoder.trend
+    assert trend is not None
+    for parameter in trend.parameters():  # learned earlier
         th.nn.init.normal_(parameter)
     cnmp.fit_trend(demonstrations, th.zeros(len(SHOWN), dtype=th.long))
     # the ridge, 0.01, takes that share of the slopes
