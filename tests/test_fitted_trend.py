@@ -1,7 +1,6 @@
 """The fitted trend: a CNMP begins as the linear regression of demonstrations on their contexts."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ T = 40
 TIMES = np.linspace(0.0, 1.0, T)
 SMALL = CNMPArchitecture(representation_dim=4, encoder_arch=(16,), decoder_arch=(16,), n_members=3)
 FITTED = replace(SMALL, context_in_decoder=True, fitted_trend=True)
+BESIDE = replace(SMALL, fitted_trend=True)  # the trend alone sees the contexts
 RNG = np.random.default_rng(0)
 SHOWN = RNG.uniform(-1.0, 1.0, (12, 2))
 BEYOND = np.array([[3.0, -3.0], [-2.5, 2.5], [4.0, 4.0]])
@@ -25,20 +25,21 @@ def linear(contexts: np.ndarray) -> np.ndarray:
     return 5.0 + TIMES[:, None] * (2.0 * contexts[:, None] - 5.0)
 
 
-def answer(architecture: CNMPArchitecture, n_steps: int = 0, **shown: Any) -> np.ndarray:
+def answer(architecture: CNMPArchitecture, n_steps: int) -> np.ndarray:
     """Return what a CNMP answers beyond its demonstrations, (N, T, 2)."""
     th.manual_seed(0)
-    demonstrations = Demonstrations(SHOWN, shown.get("trajectories", linear(SHOWN)))
-    training = CNMPPretraining(n_steps)
-    untrained = CNMP(2, (T, 2), architecture)
-    cnmp = pretrain(demonstrations, training, np.random.default_rng(0), untrained)
-    return cnmp.trajectories(BEYOND)
+    cnmp = CNMP(2, (T, 2), architecture)
+    shown, training = Demonstrations(SHOWN, linear(SHOWN)), CNMPPretraining(n_steps)
+    return pretrain(shown, training, np.random.default_rng(0), cnmp).trajectories(BEYOND)
 
 
+@pytest.mark.parametrize("architecture", [FITTED, BESIDE])
 @pytest.mark.parametrize("n_members", [1, 3])
-def test_before_any_step_the_trend_is_the_regression(n_members: int) -> None:
+def test_before_any_step_the_trend_is_the_regression(
+    architecture: CNMPArchitecture, n_members: int
+) -> None:
     th.manual_seed(0)
-    cnmp = CNMP(2, (T, 2), replace(FITTED, n_members=n_members))
+    cnmp = CNMP(2, (T, 2), replace(architecture, n_members=n_members))
     demonstrations = Demonstrations(SHOWN, linear(SHOWN))
     cnmp.set_scale(demonstrations)
     for parameter in cnmp.network.decoder.layers[-1].parameters():  # what else is added
@@ -53,18 +54,22 @@ def test_before_any_step_the_trend_is_the_regression(n_members: int) -> None:
     np.testing.assert_allclose(cnmp.trajectories(BEYOND)[:, 0], 5.0, atol=0.02)
 
 
-def test_what_is_linear_is_met_sooner_and_beyond_the_demonstrations() -> None:
+@pytest.mark.parametrize("architecture", [FITTED, BESIDE])
+def test_what_is_linear_is_met_sooner_and_beyond_the_demonstrations(
+    architecture: CNMPArchitecture,
+) -> None:
     fitted, learned = (
-        np.abs(answer(architecture, 200) - linear(BEYOND)).max()
-        for architecture in (FITTED, replace(FITTED, fitted_trend=False))
+        np.abs(answer(each, 200) - linear(BEYOND)).max()
+        for each in (architecture, replace(architecture, fitted_trend=False))
     )
     assert fitted < 0.5 * learned
 
 
-def test_the_rest_is_still_learned() -> None:
+@pytest.mark.parametrize("architecture", [FITTED, BESIDE])
+def test_the_rest_is_still_learned(architecture: CNMPArchitecture) -> None:
     bent = linear(SHOWN) + np.sin(np.pi * TIMES)[:, None] * SHOWN[:, None] ** 2
     th.manual_seed(0)
-    cnmp = CNMP(2, (T, 2), FITTED)
+    cnmp = CNMP(2, (T, 2), architecture)
     training = CNMPPretraining(600)
     pretrain(Demonstrations(SHOWN, bent), training, np.random.default_rng(0), cnmp)
     error = np.abs(cnmp.trajectories(SHOWN) - bent).mean()
@@ -83,7 +88,6 @@ def test_with_modes_each_has_a_trend_of_its_own() -> None:
     np.testing.assert_allclose(np.sort(ways), both_means, atol=0.6)
 
 
-@pytest.mark.parametrize("wrong", [{"context_in_decoder": False}, {"linear_trend": False}])
-def test_without_a_trend_in_the_contexts_none_is_fitted(wrong: dict[str, Any]) -> None:
+def test_without_a_trend_none_is_fitted() -> None:
     with pytest.raises(ConfigurationError, match=r"fitted_trend is True, but.*linear_trend=True"):
-        replace(FITTED, **wrong)
+        replace(FITTED, linear_trend=False)

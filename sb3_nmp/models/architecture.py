@@ -29,8 +29,8 @@ class CNMPArchitecture(Presets):
     :param context_in_decoder: give the context to the decoder too, as the thesis does
     :param linear_trend: whether the mean has a trend that is linear in the decoder's inputs
     :param fitted_trend: whether training begins with the trend that is the demonstrations' linear
-        regression on their contexts, which Adam comes near to, but does not meet; the decoder must
-        be given the contexts
+        regression on their contexts, which Adam comes near to, but does not meet. It is then linear
+        in the context, too, where the decoder is not given it
     :param n_frequencies: of the time features; 0 feeds time as it is, as the thesis does
     :param min_std: smallest standard deviation of the output, in units of the demonstrations'
         own; without it, Eq. 4.1 has no bound once the demonstrations are met exactly
@@ -67,8 +67,8 @@ class CNMPArchitecture(Presets):
             value = getattr(self, name)
             if int(value) != value or value < 1:
                 raise ConfigurationError(f"{name} is {value}; it must be a whole number >= 1.")
-        if self.fitted_trend and not (self.context_in_decoder and self.linear_trend):
+        if self.fitted_trend and not self.linear_trend:
             raise ConfigurationError(
-                "fitted_trend is True, but the decoder has no trend in the contexts: give "
-                "context_in_decoder=True and linear_trend=True, or fitted_trend=False."
+                "fitted_trend is True, but there is no trend to fit: give linear_trend=True, or "
+                "fitted_trend=False."
             )

@@ -32,6 +32,7 @@ class ConditionalNeuralProcess(nn.Module):
         a, code, n = architecture, architecture.representation_dim, architecture.n_members
         self.representation_dim, self.min_std, self.n_members = code, a.min_std, n
         self.condition_in_decoder = a.context_in_decoder
+        self.condition_in_trend = a.fitted_trend and not a.context_in_decoder
         self.features = TimeFeatures(a.n_frequencies)
         encoder_inputs = self.features.n_features + value_dim + condition_dim
         self.encoder = mlp([encoder_inputs, *a.encoder_arch, code], a.activation_fn, n)
@@ -43,6 +44,7 @@ class ConditionalNeuralProcess(nn.Module):
             2 * value_dim,
             a.activation_fn,
             value_dim if a.linear_trend else 0,
+            condition_dim if self.condition_in_trend else 0,
             n,
         )
 
@@ -107,10 +109,12 @@ class ConditionalNeuralProcess(nn.Module):
         """
         if self.n_members > 1:
             times = self._for_each(th.atleast_2d(times), 2)
-        constant = representation
+        constant, beside = representation, None
         if self.condition_in_decoder:
             constant = th.cat([representation, self._for_each(condition, 2)], dim=-1)
-        mean, raw = self.decoder(times, constant).chunk(2, dim=-1)
+        elif self.condition_in_trend:
+            beside = self._for_each(condition, 2)
+        mean, raw = self.decoder(times, constant, beside).chunk(2, dim=-1)
         return Normal(mean, nn.functional.softplus(raw) + self.min_std, validate_args=False)
 
     def split(self, representation: th.Tensor) -> th.Tensor:

@@ -151,6 +151,7 @@ class TrajectoryDecoder(nn.Module):
     :param activation_fn: between the layers
     :param trend_dim: adds to so many of the outputs, the first ones, a trend that is linear in the
         inputs and in the time features. It is what few examples determine best
+    :param beside: size of further inputs that the trend alone sees
     :param n_members: E
     """
 
@@ -162,6 +163,7 @@ class TrajectoryDecoder(nn.Module):
         outputs: int,
         activation_fn: type[nn.Module],
         trend_dim: int = 0,
+        beside: int = 0,
         n_members: int = 1,
     ) -> None:
         super().__init__()
@@ -172,15 +174,19 @@ class TrajectoryDecoder(nn.Module):
         self.layers = mlp([*arch, outputs], activation_fn, n_members)
         self.trend: nn.Linear | MemberLinear | None = None
         if trend_dim:
-            self.trend = linear(inputs, (self.features.n_features + 1) * trend_dim, n_members)
+            n_bases = self.features.n_features + 1
+            self.trend = linear(inputs + beside, n_bases * trend_dim, n_members)
             for parameter in self.trend.parameters():
                 nn.init.zeros_(parameter)
 
-    def forward(self, times: th.Tensor, constant: th.Tensor) -> th.Tensor:
+    def forward(
+        self, times: th.Tensor, constant: th.Tensor, beside: th.Tensor | None = None
+    ) -> th.Tensor:
         """Return the outputs, shape (B, T, outputs), or (E, B, T, outputs).
 
         :param times: target times, shape (T,) or (B, T), or (E, 1, T) or (E, B, T)
         :param constant: latent and condition, shape (B, inputs), or (E, B, inputs)
+        :param beside: what the trend alone sees, shape (B, beside), or (E, B, beside)
         """
         features = self.features(times)
         hidden = self.from_time(features) + self.from_latent(constant)[..., None, :]
@@ -188,7 +194,8 @@ class TrajectoryDecoder(nn.Module):
         if self.trend is None:
             return outputs
         bases = nn.functional.pad(features, (0, 1), value=1.0).expand(*outputs.shape[:-1], -1)
-        trend = bases @ self.trend(constant).unflatten(-1, (bases.shape[-1], -1))
+        seen = constant if beside is None else th.cat([constant, beside], dim=-1)
+        trend = bases @ self.trend(seen).unflatten(-1, (bases.shape[-1], -1))
         return outputs + nn.functional.pad(trend, (0, outputs.shape[-1] - trend.shape[-1]))
 
     @th.no_grad()
