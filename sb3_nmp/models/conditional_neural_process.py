@@ -20,7 +20,8 @@ class ConditionalNeuralProcess(nn.Module):
     Without a conditioning point, the representation comes from the task parameters alone, by a
     network of its own. The thesis gives the task parameters to the decoder too. By default, here
     they reach it through the representation alone, which therefore has to hold all that tells
-    trajectories apart: moving in it moves between demonstrated skills.
+    trajectories apart: moving in it moves between demonstrated skills. A fitted trend sees them
+    too.
 
     :param value_dim: D
     :param condition_dim: K, the task parameters
