@@ -60,11 +60,12 @@ ALGORITHMS = {
     "RC-NMP without crossover": replace(RCNMP, settings=OF_RCNMP | {"n_crossover": 0}),
     "RC-NMP without mutation": replace(RCNMP, settings=FIRST_NOISE_ONLY),
     "ACNMP": acnmp("Bayesian optimisation around the network", critic=ACNMPCritic(pull=0.0)),
-    # no supervised learning between its steps: it would pull the answer back to the flat line
+    # no supervised learning between its steps: it would pull the answer back to the flat line; and
+    # fewer steps than the preset has, for more of them leave the data (via_points.md)
     "ACNMP, policy gradient": acnmp(
         "policy gradient, Eq. 5.2",
         search="policy",
-        adaptation=replace(ACNMPAdaptation.preset("to_go"), supervised=False),
+        adaptation=replace(ACNMPAdaptation.preset("to_go"), supervised=False, n_training_steps=10),
     ),
     "GA": replace(GA, settings=OF_GA),
     "GA, judged": replace(JUDGED_GA, settings=OF_GA | dict(JUDGED_GA.settings)),
