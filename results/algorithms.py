@@ -157,9 +157,7 @@ def hand_tuned(n_bases: int, shaped: float, population_size: int = 1) -> dict[st
 
 
 #: context in the decoder, time as it is, no trend, one network
-THESIS_NETWORK = CNMPArchitecture(
-    context_in_decoder=True, linear_trend=False, n_frequencies=0, n_members=1
-)
+THESIS_NETWORK = CNMPArchitecture(linear_trend=False, n_frequencies=0, n_members=1)
 
 
 def thesis_acnmp(**settings: object) -> Algorithm:

@@ -162,10 +162,11 @@ def test_samples_differ_and_the_mean_does_not(demonstrations: Demonstrations) ->
     assert not np.array_equal(samples[0], samples[1])
 
 
-def test_the_representation_tells_demonstrations_apart(
-    cnmp: CNMP, demonstrations: Demonstrations
-) -> None:
+def test_the_representation_tells_demonstrations_apart(demonstrations: Demonstrations) -> None:
     """Without the context in the decoder, all that differs goes through the latent space."""
+    th.manual_seed(0)
+    latent = CNMP(1, (T, 1), replace(SMALL, context_in_decoder=False, fitted_trend=False))
+    cnmp = pretrain(demonstrations, CNMPPretraining(1000), np.random.default_rng(0), latent)
     codes = cnmp.encode_whole(demonstrations)
     condition = cnmp.condition(th.zeros(len(SHOWN), 1))
     with th.no_grad():

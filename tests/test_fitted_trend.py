@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import torch as th
 
-from sb3_nmp import CNMPArchitecture, CNMPPretraining, ConfigurationError, Demonstrations
+from sb3_nmp import CNMPArchitecture, CNMPPretraining, Demonstrations
 from sb3_nmp.models.cnmp import CNMP
 from sb3_nmp.models.cnmp_training import pretrain
 
 T = 40
 TIMES = np.linspace(0.0, 1.0, T)
 SMALL = CNMPArchitecture(representation_dim=4, encoder_arch=(16,), decoder_arch=(16,), n_members=3)
-FITTED = replace(SMALL, context_in_decoder=True, fitted_trend=True)
-BESIDE = replace(SMALL, fitted_trend=True)  # the trend alone sees the contexts
+FITTED = SMALL
+BESIDE = replace(SMALL, context_in_decoder=False)  # the trend alone sees the contexts
 RNG = np.random.default_rng(0)
 SHOWN = RNG.uniform(-1.0, 1.0, (12, 2))
 BEYOND = np.array([[3.0, -3.0], [-2.5, 2.5], [4.0, 4.0]])
@@ -42,12 +42,11 @@ def test_before_any_step_the_trend_is_the_regression(
     cnmp = CNMP(2, (T, 2), replace(architecture, n_members=n_members))
     demonstrations = Demonstrations(SHOWN, linear(SHOWN))
     cnmp.set_scale(demonstrations)
-    for parameter in cnmp.network.decoder.layers[-1].parameters():  # what else is added
-        th.nn.init.zeros_(parameter)
-    trend = cnmp.network.decoder.trend
-    assert trend is not None
-    for parameter in trend.parameters():  # learned earlier
-        th.nn.init.normal_(parameter)
+    decoder = cnmp.network.decoder
+    assert decoder.trend is not None
+    for part in (decoder.trend, decoder.layers[-1]):
+        for parameter in part.parameters():  # learned earlier
+            th.nn.init.normal_(parameter)
     cnmp.fit_trend(demonstrations, th.zeros(len(SHOWN), dtype=th.long))
     # the ridge, 0.01, takes that share of the slopes
     np.testing.assert_allclose(cnmp.trajectories(BEYOND), linear(BEYOND), atol=0.12)
@@ -89,5 +88,5 @@ def test_with_modes_each_has_a_trend_of_its_own() -> None:
 
 
 def test_without_a_trend_none_is_fitted() -> None:
-    with pytest.raises(ConfigurationError, match=r"fitted_trend is True, but.*linear_trend=True"):
-        replace(FITTED, linear_trend=False)
+    plain = replace(BESIDE, linear_trend=False)
+    np.testing.assert_array_equal(answer(plain, 0), answer(replace(plain, fitted_trend=False), 0))

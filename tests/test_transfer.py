@@ -22,8 +22,13 @@ from sb3_nmp.models.cnmp_training import PointBatch, negative_log_likelihood
 from sb3_nmp.transfer.training import shared_latent_loss
 
 QUICK = TransferTraining(n_steps=400)
-SMALL = CNMPArchitecture(
-    representation_dim=8, encoder_arch=(64,), decoder_arch=(64,), n_frequencies=2, n_members=1
+SMALL = dataclasses.replace(
+    CNMPArchitecture.preset("latent"),
+    representation_dim=8,
+    encoder_arch=(64,),
+    decoder_arch=(64,),
+    n_frequencies=2,
+    n_members=1,
 )
 FloatArray = NDArray[np.float64]
 

@@ -46,7 +46,8 @@ FAULTS = {
 }
 NETWORKS = {
     "ACNMP's network": (CNMPArchitecture(), CNMPPretraining()),
-    "context in decoder": (CNMPArchitecture.preset("stream"), CNMPPretraining.preset("stream")),
+    "context through latents": (CNMPArchitecture.preset("latent"), CNMPPretraining()),
+    "longer training": (CNMPArchitecture(), CNMPPretraining(n_steps=4000, batch_size=32)),
     "256 units": (
         CNMPArchitecture(representation_dim=32, context_arch=(128, 128), decoder_arch=(256, 256)),
         CNMPPretraining(),

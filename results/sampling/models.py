@@ -3,7 +3,7 @@
 Shape letters: N samples, M demonstrations, T time points.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -160,7 +160,8 @@ def train_cnmp(demonstrations: FloatArray, seed: int, n_steps: int) -> Normal:
     th.manual_seed(seed)
     shown = Demonstrations(np.zeros((len(demonstrations), 1)), demonstrations)
     settings = CNMPPretraining(n_steps=n_steps)
-    one = CNMP(shown.context_dim, shown.trajectory_shape, CNMPArchitecture(n_members=1))
+    architecture = replace(CNMPArchitecture.preset("latent"), n_members=1)
+    one = CNMP(shown.context_dim, shown.trajectory_shape, architecture)
     cnmp = pretrain(shown, settings, np.random.default_rng(seed), one)
     condition = cnmp.condition(th.zeros(1, 1))
     time, value = START

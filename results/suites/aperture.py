@@ -17,29 +17,9 @@ from results.stream.protocol import Stream
 from sb3_nmp import (
     ACNMPAdaptation,
     ACNMPExploration,
-    CNMPArchitecture,
     CNMPPretraining,
-    ShapedExploration,
 )
 
-#: settings of ACNMP and of its twins for a stream
-SEARCH: dict[str, object] = {
-    "n_contexts": 20,
-    "population_size": 5,
-    # A search begins where start and goal are missed by more than 0.1 m together, or the wall is
-    # nearer than 0.63 m, and ends with half of that: what is learned is better than what suffices.
-    "reward_threshold": (-0.1, -0.05),
-    "max_generations": 15,
-    "n_successes": 1,
-    "exploration_scale": 0.2,
-}
-OF_TWINS = SEARCH | {"exploration": ShapedExploration.preset("stream")}
-STREAM = SEARCH | {
-    "exploration": ACNMPExploration.preset("stream"),
-    "pretraining": CNMPPretraining.preset("stream"),
-    "adaptation": ACNMPAdaptation.preset("stream"),
-    "policy_kwargs": {"cnmp": CNMPArchitecture.preset("stream")},
-}
 #: of the thesis, for its apertures: a search begins at a failure, whatever the reward
 OF_THESIS: dict[str, object] = {
     "n_contexts": 20,
@@ -52,16 +32,16 @@ OF_THESIS: dict[str, object] = {
         n_bases=50, shaped=0.0, radius=1.0, growth=1.0, shrinkage=1.0, retry_answer=True
     ),
     "adaptation": ACNMPAdaptation("step", n_training_steps=50, reward_weight=1.0),
-    "pretraining": CNMPPretraining.preset("stream"),
+    "pretraining": CNMPPretraining(n_steps=4000, batch_size=32),
 }
 #: of the contextual searches: the budget is ten rollouts for each context, as much as a search may
 #: spend there
 SHARED: dict[str, object] = {"rollouts_per_context": 10, "exploration_scale": 0.2}
 ALGORITHMS = {
-    "ACNMP": replace(ACNMP, settings=STREAM),
-    "ACNMP, sum alone": replace(ACNMP, settings=STREAM | SUM_ALONE),
-    **twins("nearest", "quadratic", "Gaussian process", **OF_TWINS),
-    "twin, Gaussian process, sum alone": twin("Gaussian process", **OF_TWINS, **SUM_ALONE),
+    "ACNMP": ACNMP,
+    "ACNMP, sum alone": replace(ACNMP, settings=SUM_ALONE),
+    **twins("nearest", "quadratic", "Gaussian process"),
+    "twin, Gaussian process, sum alone": twin("Gaussian process", **SUM_ALONE),
     "ACNMP (thesis)": thesis_acnmp(**OF_THESIS),
     "ProMP+RL (Ewerton)": EWERTON,
     "contextual REPS": replace(CONTEXTUAL_REPS, settings=SHARED),

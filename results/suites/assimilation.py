@@ -8,7 +8,7 @@ from results.harness.suite import Recipe
 from results.suites.obstacles import OURS, PUBLISHED, TASKS
 from sb3_nmp import CNMPArchitecture
 
-TWO = CNMPArchitecture(representation_dim=2, n_members=1)
+TWO = replace(CNMPArchitecture.preset("latent"), representation_dim=2, n_members=1)
 #: as in the thesis: what is linear does not extrapolate by itself
 PLAIN = replace(TWO, linear_trend=False, n_frequencies=0)
 ALGORITHMS = {

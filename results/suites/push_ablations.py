@@ -40,9 +40,9 @@ ALGORITHMS = {
     **hand_tuned(population_size=3, n_bases=4, shaped=0.99),
     "no pull": acnmp(critic=ACNMPCritic(pull=0.0)),
     **twins(*TWINS),
-    "thesis's decoder": acnmp(
-        policy_kwargs={"cnmp": CNMPArchitecture(context_in_decoder=True, linear_trend=False)}
-    ),
+    "no linear trend": acnmp(policy_kwargs={"cnmp": CNMPArchitecture(linear_trend=False)}),
+    "trend not fitted": acnmp(policy_kwargs={"cnmp": CNMPArchitecture(fitted_trend=False)}),
+    "context through latents": acnmp(policy_kwargs={"cnmp": CNMPArchitecture.preset("latent")}),
     "ACNMP, network drives": PUSH_ALGORITHMS["ACNMP, network drives"],
     "policy gradient, to go": driven(adaptation=ACNMPAdaptation.preset("to_go")),
     "policy gradient, steps": driven(adaptation=ACNMPAdaptation.preset("step")),

@@ -1,7 +1,7 @@
 """The runs of thesis 5.2.3, one for each way to a trajectory of the 4-DoF arm, and seed."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import gymnasium as gym
@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 #: how the 4-DoF arm comes to its first trajectory: by Eq. 5.4, by the twin, or not at all
 Way = Literal["translated", "nearest", "scratch"]
 
-ARCHITECTURE = CNMPArchitecture(encoder_arch=(64,), decoder_arch=(64,))
+ARCHITECTURE = replace(CNMPArchitecture.preset("latent"), encoder_arch=(64,), decoder_arch=(64,))
 TRAINING = TransferTraining(n_steps=1500)
 WINDOW = 100  # time points by which the warping may shift
 PRETRAINING = CNMPPretraining(n_steps=300)  # on a single trajectory

@@ -18,8 +18,8 @@ Advantage = Literal["to_go", "step", "place"]
 class ACNMPExploration(ShapedExploration):
     """Where ACNMP explores and how far, in units of ``exploration_scale``; a 0 switches a part off.
 
-    Beside the noise of `ShapedExploration`, directions that the network gives. Presets: ``"push"``
-    for demonstrations that span what is to be found, ``"stream"`` for streams of contexts.
+    Beside the noise of `ShapedExploration`, directions that the network gives. The preset
+    ``"push"`` is for demonstrations that span what is to be found.
 
     >>> from sb3_nmp import ACNMPExploration
     >>> ACNMPExploration.preset("push").shaped
@@ -72,13 +72,12 @@ class ACNMPExploration(ShapedExploration):
 class ACNMPAdaptation(Presets):
     """How ACNMP's network goes on learning after generations of a search.
 
-    Presets: ``"stream"`` learns longer from solutions, and from them alone; ``"to_go"`` and
-    ``"step"`` have these advantages, in short training: what is pushed away from a bad rollout has
-    no bound, so more of it leaves all that was learned.
+    Presets: ``"to_go"`` and ``"step"`` have these advantages, in short training: what is pushed
+    away from a bad rollout has no bound, so more of it leaves all that was learned.
 
     >>> from sb3_nmp import ACNMPAdaptation
-    >>> ACNMPAdaptation.preset("stream").n_assimilation_steps
-    200
+    >>> ACNMPAdaptation.preset("to_go").n_training_steps
+    30
 
     :param advantage: of the policy gradient: ``"to_go"`` is the reward from each time on (Eq. 5.2),
         ``"step"`` the reward at each time (the original code), both of the last generation;
@@ -104,11 +103,8 @@ class ACNMPAdaptation(Presets):
     n_assimilation_steps: int = 50
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "stream": {"n_training_steps": 0, "n_assimilation_steps": 200},
-        **{
-            advantage: {"advantage": advantage, "reward_weight": 5.0, "n_training_steps": 30}
-            for advantage in ("to_go", "step")
-        },
+        advantage: {"advantage": advantage, "reward_weight": 5.0, "n_training_steps": 30}
+        for advantage in ("to_go", "step")
     }
 
     def __post_init__(self) -> None:

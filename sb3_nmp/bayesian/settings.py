@@ -23,9 +23,8 @@ SEARCH_SPACE: SearchSpace = {
 class ShapedExploration(Presets):
     """Smooth noise that is shaped like the demonstrations, in units of ``exploration_scale``.
 
-    The defaults are one setting for pushing, pick-and-place and bottles; on pouring few runs were
-    made. Presets: ``"push"`` for demonstrations that span all that is to be found,
-    ``"stream"`` for streams of apertures.
+    The defaults are one setting for all tasks. The preset ``"push"`` is for demonstrations that
+    span all that is to be found.
 
     >>> from sb3_nmp import ShapedExploration
     >>> ShapedExploration.preset("push").shaped
@@ -46,10 +45,7 @@ class ShapedExploration(Presets):
     shaped: float = 0.8
     radius: float = 0.7
 
-    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "push": {"n_bases": 4, "shaped": 0.99},
-        "stream": {"n_bases": 6, "shaped": 0.5},
-    }
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"push": {"n_bases": 4, "shaped": 0.99}}
 
     def __post_init__(self) -> None:
         """Check the values."""

@@ -110,11 +110,25 @@ def ridge(known: FloatArray, values: FloatArray) -> Answer:
     :param known: contexts with a standard deviation of 1, shape (M, C)
     :param values: theirs, shape (M, P)
     """
+    centre, middle, slopes = linear_regression(known, values, RIDGE)
+    return lambda asked: middle + (asked - centre) @ slopes
+
+
+def linear_regression(
+    known: FloatArray, values: FloatArray, penalty: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return a ridge regression: middle + (asked - centre) @ slopes.
+
+    :param known: contexts with a standard deviation of 1, shape (M, C)
+    :param values: theirs, shape (M, P)
+    :param penalty: on the squared slopes
+    :return: centre, shape (C,), middle, shape (P,), and slopes, shape (C, P)
+    """
     centre, middle = known.mean(axis=0), values.mean(axis=0)
     rows = known - centre
-    gram = rows.T @ rows + RIDGE * np.eye(rows.shape[1])
+    gram = rows.T @ rows + penalty * np.eye(rows.shape[1])
     slopes = np.linalg.solve(gram, rows.T @ (values - middle))
-    return lambda asked: middle + (asked - centre) @ slopes
+    return centre, middle, slopes
 
 
 def quadratic(known: FloatArray, values: FloatArray) -> Answer:

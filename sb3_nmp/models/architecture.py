@@ -15,12 +15,14 @@ from sb3_nmp.common.settings import Presets, settings_name
 class CNMPArchitecture(Presets):
     """Architecture of a CNMP.
 
-    ``CNMPArchitecture.preset("stream")`` gives the context to the decoder too, which pays where
-    hundreds of contexts are learned, and fits the trend.
+    Training begins with the linear regression of the demonstrations on their contexts, and learns
+    what that leaves. ``CNMPArchitecture.preset("latent")`` has neither that nor the context in the
+    decoder: all that tells trajectories apart is in the representation, as where two robots share
+    one, or a latent space is looked at.
 
     >>> from sb3_nmp import CNMPArchitecture
-    >>> CNMPArchitecture.preset("stream").context_in_decoder
-    True
+    >>> CNMPArchitecture.preset("latent").context_in_decoder
+    False
 
     :param representation_dim: Z
     :param encoder_arch: hidden layers of the encoder
@@ -29,8 +31,9 @@ class CNMPArchitecture(Presets):
     :param context_in_decoder: give the context to the decoder too, as the thesis does
     :param linear_trend: whether the mean has a trend that is linear in the decoder's inputs
     :param fitted_trend: whether training begins with the trend that is the demonstrations' linear
-        regression on their contexts, which Adam comes near to, but does not meet. It is then linear
-        in the context, too, where the decoder is not given it
+        regression on their contexts, and with nothing added to it; Adam comes near to that
+        regression, but does not meet it. The trend is then linear in the context, too, where the
+        decoder is not given it. Without effect where there is no trend
     :param n_frequencies: of the time features; 0 feeds time as it is, as the thesis does
     :param min_std: smallest standard deviation of the output, in units of the demonstrations'
         own; without it, Eq. 4.1 has no bound once the demonstrations are met exactly
@@ -40,35 +43,29 @@ class CNMPArchitecture(Presets):
     :param n_modes: the most ways to do the task that are told apart among the demonstrations, by a
         categorical latent (chapter 7 names it as future work). 1 takes all for one way: two ways,
         such as left and right of an obstacle, are averaged
-    :raises ConfigurationError: ``n_members`` or ``n_modes`` is no whole number >= 1, or there is no
-        trend to fit
+    :raises ConfigurationError: ``n_members`` or ``n_modes`` is no whole number >= 1
     """
 
     representation_dim: int = 16
     encoder_arch: tuple[int, ...] = (128, 128)
     context_arch: tuple[int, ...] = (64,)
     decoder_arch: tuple[int, ...] = (128, 128)
-    context_in_decoder: bool = False
+    context_in_decoder: bool = True
     linear_trend: bool = True
     n_frequencies: int = 8
     min_std: float = 0.02
     activation_fn: type[nn.Module] = nn.ReLU
     n_members: int = 5
     n_modes: int = 1
-    fitted_trend: bool = False
+    fitted_trend: bool = True
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "stream": {"context_in_decoder": True, "fitted_trend": True}
+        "latent": {"context_in_decoder": False, "fitted_trend": False}
     }
 
     def __post_init__(self) -> None:
-        """Check the numbers of members and of modes, and that there is a trend to fit."""
+        """Check the numbers of members and of modes."""
         for name in ("n_members", "n_modes"):
             value = getattr(self, name)
             if int(value) != value or value < 1:
                 raise ConfigurationError(f"{name} is {value}; it must be a whole number >= 1.")
-        if self.fitted_trend and not self.linear_trend:
-            raise ConfigurationError(
-                "fitted_trend is True, but there is no trend to fit: give linear_trend=True, or "
-                "fitted_trend=False."
-            )

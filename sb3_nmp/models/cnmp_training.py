@@ -5,9 +5,7 @@ O conditioning points, P target points, E members.
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
 import numpy as np
 import torch as th
@@ -15,7 +13,7 @@ from stable_baselines3.common.utils import update_learning_rate
 
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import ConfigurationError
-from sb3_nmp.common.settings import Presets, settings_name
+from sb3_nmp.common.settings import settings_name
 from sb3_nmp.models.cnmp import CNMP
 from sb3_nmp.models.conditional_neural_process import ConditionalNeuralProcess
 
@@ -25,13 +23,11 @@ CHUNK = 100
 
 @settings_name("cnmp-pretraining")
 @dataclass(frozen=True)
-class CNMPPretraining(Presets):
+class CNMPPretraining:
     """How a CNMP is trained on demonstrations before any rollout.
 
     Small batches pay: at equal time they generalise better than large ones, which meet the
     demonstrations more exactly (``results/experiments/acnmp.md``).
-
-    ``CNMPPretraining.preset("stream")`` is longer and has larger batches, for streams of contexts.
 
     >>> from sb3_nmp import CNMPPretraining
     >>> CNMPPretraining(n_steps=500).batch_size
@@ -52,10 +48,6 @@ class CNMPPretraining(Presets):
     max_conditioning_points: int = 5
     learning_rate: float = 3e-3
     weight_decay: float = 0.0
-
-    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "stream": {"n_steps": 4000, "batch_size": 32}
-    }
 
     def __post_init__(self) -> None:
         """Check the values."""

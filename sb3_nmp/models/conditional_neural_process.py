@@ -18,10 +18,9 @@ class ConditionalNeuralProcess(nn.Module):
     After Garnelo et al., "Conditional neural processes", 2018; thesis 4.1 and 4.3, Fig. 4.1 and
     4.3. The points' representations, each encoded together with the task parameters, are averaged.
     Without a conditioning point, the representation comes from the task parameters alone, by a
-    network of its own. The thesis gives the task parameters to the decoder too. By default, here
-    they reach it through the representation alone, which therefore has to hold all that tells
-    trajectories apart: moving in it moves between demonstrated skills. A fitted trend sees them
-    too.
+    network of its own. The decoder is given the task parameters too, as in the thesis. With
+    ``context_in_decoder=False`` they reach it through the representation alone, which therefore has
+    to hold all that tells trajectories apart: moving in it moves between demonstrated skills.
 
     :param value_dim: D
     :param condition_dim: K, the task parameters
@@ -33,7 +32,8 @@ class ConditionalNeuralProcess(nn.Module):
         a, code, n = architecture, architecture.representation_dim, architecture.n_members
         self.representation_dim, self.min_std, self.n_members = code, a.min_std, n
         self.condition_in_decoder = a.context_in_decoder
-        self.condition_in_trend = a.fitted_trend and not a.context_in_decoder
+        fitted = a.linear_trend and a.fitted_trend
+        self.condition_in_trend = fitted and not a.context_in_decoder
         self.features = TimeFeatures(a.n_frequencies)
         encoder_inputs = self.features.n_features + value_dim + condition_dim
         self.encoder = mlp([encoder_inputs, *a.encoder_arch, code], a.activation_fn, n)

@@ -13,6 +13,7 @@ from typing import cast
 import torch as th
 from torch import nn
 
+from sb3_nmp.common.regression import linear_regression
 from sb3_nmp.common.settings import settings_name
 
 #: of a fitted trend's slopes, for each demonstration, contexts having a standard deviation of 1
@@ -77,6 +78,16 @@ def linear(
     return MemberLinear(n_members, inputs, outputs, bias)
 
 
+def weight_and_bias(layer: nn.Module | None) -> tuple[th.Tensor, th.Tensor]:
+    """Return a linear layer's weight, shape ([E,] inputs, outputs), and its bias, to be written to.
+
+    :param layer: of `linear`, with a bias
+    """
+    found = cast(nn.Linear | MemberLinear, layer)
+    weight = found.weight if isinstance(found, MemberLinear) else found.weight.T
+    return weight, cast(nn.Parameter, found.bias)
+
+
 def mlp(sizes: list[int], activation_fn: type[nn.Module], n_members: int = 1) -> nn.Sequential:
     """Return a multi-layer perceptron with a linear last layer.
 
@@ -138,6 +149,11 @@ class TimeFeatures(nn.Module):
         return th.cat([times[..., None], angles.sin(), angles.cos()], dim=-1)
 
 
+def _bases_of(features: th.Tensor) -> th.Tensor:
+    """Return what a trend is linear in at each time: its features, and 1."""
+    return nn.functional.pad(features, (0, 1), value=1.0)
+
+
 class TrajectoryDecoder(nn.Module):
     """From a latent, a condition and target times to the values at those times.
 
@@ -193,32 +209,30 @@ class TrajectoryDecoder(nn.Module):
         outputs = self.layers(self.activation(hidden))
         if self.trend is None:
             return outputs
-        bases = nn.functional.pad(features, (0, 1), value=1.0).expand(*outputs.shape[:-1], -1)
+        bases = _bases_of(features).expand(*outputs.shape[:-1], -1)
         seen = constant if beside is None else th.cat([constant, beside], dim=-1)
         trend = bases @ self.trend(seen).unflatten(-1, (bases.shape[-1], -1))
         return outputs + nn.functional.pad(trend, (0, outputs.shape[-1] - trend.shape[-1]))
 
     @th.no_grad()
     def fit_trend(self, times: th.Tensor, condition: th.Tensor, values: th.Tensor) -> None:
-        """Let the trend be the ridge regression of trajectories on a condition, of all members.
+        """Let the mean be the ridge regression of trajectories on a condition, of all members.
+
+        That is the trend's part; what the layers add to it begins at 0.
 
         :param times: shape (T,)
         :param condition: the last K of the inputs, shape (N, K)
         :param values: of the trend's outputs, shape (N, T, trend_dim)
         """
-        trend = cast(nn.Linear | MemberLinear, self.trend)
-        bases = nn.functional.pad(self.features(times), (0, 1), value=1.0).double()
+        bases = _bases_of(self.features(times)).double()
         weights = th.linalg.lstsq(bases, values.double().movedim(0, 1).flatten(1)).solution
         wanted = weights.unflatten(1, (len(values), -1)).movedim(1, 0).flatten(1)
-        rows = condition.double()
-        centre, middle = rows.mean(dim=0), wanted.mean(dim=0)
-        gram = (rows - centre).T @ (rows - centre)
-        gram.diagonal().add_(TREND_RIDGE * len(rows))
-        slopes = th.linalg.solve(gram, (rows - centre).T @ (wanted - middle))
-        n = len(slopes)
-        trend.weight.zero_()
-        if isinstance(trend, MemberLinear):
-            trend.weight[:, -n:] = slopes.to(trend.weight)
-        else:
-            trend.weight[:, -n:] = slopes.T.to(trend.weight)
-        cast(nn.Parameter, trend.bias)[:] = (middle - centre @ slopes).to(trend.weight)
+        rows = condition.double().cpu().numpy()
+        penalty = TREND_RIDGE * len(rows)
+        centre, middle, slopes = linear_regression(rows, wanted.cpu().numpy(), penalty)
+        weight, bias = weight_and_bias(self.trend)
+        weight.zero_()
+        weight[..., -len(slopes) :, :] = th.as_tensor(slopes)
+        bias[:] = th.as_tensor(middle - centre @ slopes)
+        for parameter in weight_and_bias(self.layers[-1]):
+            parameter[..., : values.shape[-1]] = 0.0

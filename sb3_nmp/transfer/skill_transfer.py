@@ -60,7 +60,7 @@ class SkillTransfer:
         source: Demonstrations,
         target: Demonstrations,
         *,
-        architecture: CNMPArchitecture = CNMPArchitecture(),  # noqa: B008 (frozen)
+        architecture: CNMPArchitecture = CNMPArchitecture.preset("latent"),  # noqa: B008 (frozen)
         training: TransferTraining = TransferTraining(),  # noqa: B008 (frozen)
         seed: int | None = None,
     ) -> None:
