@@ -106,7 +106,7 @@ class ACNMPCritic:
     :raises ConfigurationError: a value outside its range
     """
 
-    other_starts: tuple[Regression, ...] = ("nearest", "ridge")
+    other_starts: tuple[Regression, ...] = ()
     pull: float = 0.3
     radius_limits: tuple[float, float] = (0.02, 1.5)
     growth: float = 1.25
