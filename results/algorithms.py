@@ -1,7 +1,6 @@
 """The algorithms of the benchmark, by stable name; suites give them settings and labels."""
 
 from dataclasses import replace
-from typing import cast
 
 from results.harness.specification import Algorithm
 from sb3_nmp import (
@@ -102,18 +101,10 @@ TWINS = {
 NETWORK_DRIVES: dict[str, object] = {"search": "policy", "population_size": 5}
 #: setting of a critic that sees the reward's sum alone
 SUM_ALONE: dict[str, object] = {"critic": ACNMPCritic(terms=False, achieved=False)}
-#: setting of a search that starts from the policy's answer alone
-ONE_START: dict[str, object] = {"critic": ACNMPCritic(other_starts=())}
-#: ACNMP without its network, and all else as it is: the starts that regressions give
-ALL_STARTS = replace(
-    BO,
-    settings={"policy_kwargs": {"regression": "nearest"}},
-    description="ACNMP's search from all of its starts but the network's",
-)
 
 
 def twin(name: str, **settings: object) -> Algorithm:
-    """Return ACNMP's search from a regression's answer alone, instead of the network's and others.
+    """Return ACNMP's search from a regression's answer instead of the network's.
 
     >>> twin("ridge", population_size=1).settings["policy_kwargs"]
     {'regression': 'ridge'}
@@ -121,8 +112,7 @@ def twin(name: str, **settings: object) -> Algorithm:
     :param name: of `TWINS`
     :param settings: further constructor arguments: those of the suite's ACNMP that need no network
     """
-    critic = replace(cast(ACNMPCritic, settings.get("critic", ACNMPCritic())), other_starts=())
-    own = {"policy_kwargs": {"regression": TWINS[name]}, "critic": critic}
+    own = {"policy_kwargs": {"regression": TWINS[name]}}
     described = f"ACNMP's search, contexts answered by {name} instead of a network"
     return replace(BO, settings=settings | own, description=described)
 
@@ -157,7 +147,9 @@ def hand_tuned(n_bases: int, shaped: float, population_size: int = 1) -> dict[st
 
 
 #: context in the decoder, time as it is, no trend, one network
-THESIS_NETWORK = CNMPArchitecture(linear_trend=False, n_frequencies=0, n_members=1)
+THESIS_NETWORK = CNMPArchitecture(
+    linear_trend=False, fitted_trend=False, n_frequencies=0, n_members=1
+)
 
 
 def thesis_acnmp(**settings: object) -> Algorithm:

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import torch as th
 
-from baselines import BO
 from sb3_nmp import (
     ACNMP,
     ACNMPAdaptation,
@@ -32,7 +31,6 @@ from sb3_nmp.bayesian.gaussian_process import GaussianProcess, Hypotheses
 from sb3_nmp.bayesian.search import CriticSearch, Subspace, views
 from sb3_nmp.bayesian.shaped_noise import noise_directions, spread_over_time
 from sb3_nmp.common.context_search import ContextSearch
-from sb3_nmp.common.regression import fit
 from sb3_nmp.common.rollouts import Generation
 from sb3_nmp.models.cnmp import CNMP
 from sb3_nmp.models.cnmp_training import pretrain
@@ -189,8 +187,6 @@ def test_settings_outside_their_range_are_refused() -> None:
         ACNMPCritic(pull=-1)
     with pytest.raises(ConfigurationError, match="at least one value"):
         ACNMPCritic(lengths=())
-    with pytest.raises(ConfigurationError, match=r"other_starts is 'ridge'; give a tuple"):
-        ACNMPCritic(other_starts="ridge")  # type: ignore[arg-type]
     with pytest.raises(ConfigurationError, match="n_remembered is 1; it must be >= 2"):
         ACNMPCritic(n_remembered=1)
     with pytest.raises(ConfigurationError, match=r"shaped is 1.5; it must be in \[0, 1\]"):
@@ -380,70 +376,6 @@ def test_the_critics_search_begins_with_the_greedy_trajectory_and_knows_its_coor
     again = search.ask(4, rng)
     assert again.shape == (4, T, 1)
     assert not np.array_equal(again[0], space.origin)
-
-
-@pytest.mark.parametrize(("n", "better"), [(1, 0), (1, 1), (3, 0), (3, 1)])
-def test_the_search_goes_on_around_the_better_start(n: int, better: int) -> None:
-    rng = np.random.default_rng(0)
-    space = Subspace(np.ones((T, 1)), rng.standard_normal((3, T, 1)))
-    starts = [space.origin, np.full((T, 1), 5.0)]
-    search = CriticSearch(space, 0.7, starts=(starts[1],))
-    tried = np.empty((0, T, 1))
-    while len(tried) < 2:
-        asked = search.ask(n, rng)
-        rewards = np.where(np.arange(len(tried), len(tried) + n) == better, -1.0, -2.0)
-        search.tell(generation(asked, rewards))
-        tried = np.concatenate([tried, asked])
-    np.testing.assert_array_equal(tried[:2], starts)
-    np.testing.assert_array_equal(search.space.origin, starts[better])
-    around = search.space.trajectories(search.points)
-    kept = [tried[better], *(tried[2:] if better == 0 else [])]
-    np.testing.assert_allclose(around, kept, atol=1e-6)  # the rest of the generation is a draw
-    assert len(search.rewards) == len(kept)
-    assert search.region.radius == 0.7  # neither start is a success or a failure of the region
-
-
-@pytest.mark.parametrize("others", [(), ("nearest",), ("ridge", "nearest")])
-def test_what_regressions_answer_is_tried_next(
-    demonstrations: Demonstrations, others: tuple[Any, ...]
-) -> None:
-    executed: list[np.ndarray] = []
-
-    class Watched(Reach):
-        def step(self, action: Any) -> Any:
-            executed.append(np.asarray(action))
-            return super().step(action)
-
-    context, critic = 2.0, ACNMPCritic(other_starts=others)
-    build(demonstrations, Watched(context), critic=critic).learn(3)
-    BO("MlpPolicy", Watched(context), demonstrations=demonstrations, critic=critic).learn(3)
-    flat = demonstrations.trajectories.reshape(len(demonstrations), -1)
-    answers = [fit(each, demonstrations.contexts, flat)(np.array([[context]])) for each in others]
-    for tried in (executed[1:3], executed[4:]):
-        for one, answer in zip(tried, answers, strict=False):
-            np.testing.assert_allclose(one, answer.reshape(T, 1), atol=1e-6)
-        if not others:  # a draw around the answer instead
-            assert not np.allclose(tried[0], demonstrations.trajectories[-1], atol=1e-3)
-
-
-def starts_of(demonstrations: Demonstrations, context: float | None) -> tuple[np.ndarray, ...]:
-    """The other starts of a twin whose policy answers with the nearest demonstration."""
-    twin = BO(
-        "MlpPolicy",
-        Reach(context),
-        demonstrations=demonstrations,
-        population_size=2,
-        policy_kwargs={"regression": "nearest"},
-        critic=ACNMPCritic(other_starts=("nearest", "ridge", "ridge")),
-    ).learn(2)
-    return twin._new_search(np.array([2.0], np.float32)).starts
-
-
-def test_a_start_is_not_tried_twice_and_among_drawn_contexts_there_is_only_the_answer(
-    demonstrations: Demonstrations,
-) -> None:
-    assert len(starts_of(demonstrations, 2.0)) == 1
-    assert starts_of(demonstrations, None) == ()
 
 
 def test_a_search_in_which_nothing_succeeds_begins_anew() -> None:

@@ -91,7 +91,7 @@ def test_push_aims_from_its_answer_and_divergence_is_no_cost_of_the_task() -> No
     assert isinstance(search, CriticSearch)
     told = search.rollouts[0]
     assert {"path", "diverged"} == set(told.terms) and told.achieved is not None
-    assert may_aim(told) and search.starts == () and search.has_aimed
+    assert may_aim(told)
     worse = replace(told, terms={**told.terms, "other": np.zeros(1)})
     assert not may_aim(worse)  # two costs of the task: their sum is told
 
@@ -183,33 +183,6 @@ def test_a_search_aims_until_it_succeeds_and_not_in_every_region_where_it_never_
     for restarts, aims, k in failing[1:]:
         assert aims == (restarts not in (2, 4, 6)), (restarts, k)
     assert [k for _, aims, k in aiming(succeeds_at=5) if aims] == [1, 2, 3, 4]
-
-
-@pytest.mark.parametrize(
-    ("n_first", "achieved", "terms", "n_starts"),
-    [
-        (1, True, 1, 0),  # it aims from the answer
-        (1, False, 1, 2),
-        (1, True, 2, 2),  # the terms come first
-        (2, True, 1, 0),  # of the two that were tried the better one is begun around
-        (2, False, 1, 2),
-    ],
-)
-def test_other_starts_are_not_tried_where_the_first_rollout_tells_what_it_achieved(
-    n_first: int, achieved: bool, terms: int, n_starts: int
-) -> None:
-    space = Subspace(np.zeros((T, 1)), np.random.default_rng(0).standard_normal((3, T, 1)))
-    others = (np.full((T, 1), 1.0), np.full((T, 1), 2.0))
-    search = CriticSearch(space, 0.7, starts=others)
-    tried = search.ask(n_first, np.random.default_rng(0))
-    rewards = -np.arange(n_first)[::-1].astype(float) - 1.0
-    told = np.tile(WANTED + 0.5, (n_first, 1)) if achieved else None
-    named = {f"term {k}": rewards / terms for k in range(terms)}
-    known = replace(rollouts(told, rewards, terms=named), trajectories=tried.astype(np.float32))
-    search.tell(known)
-    assert len(search.starts) == n_starts
-    begun = others[0] if n_first == 2 and achieved else space.origin
-    np.testing.assert_array_equal(search.space.origin, begun)
 
 
 class Throw(gym.Env[Any, Any]):

@@ -94,9 +94,8 @@ class BO(AdaptiveAlgorithm):
         shown = cast(Demonstrations, self.demonstrations)
         along = shaped_directions(self.exploration, self.first_scale(), shown)
         answer = self.policy.known.answer(context[None])[0]
-        starts = self._other_starts(context, answer, self.critic.other_starts)
         space, unit = Subspace(answer, along), self._context_unit()
-        return CriticSearch(space, self.exploration.radius, self.critic, starts, unit)
+        return CriticSearch(space, self.exploration.radius, self.critic, unit)
 
     def _adapt(self, searched: list[ContextSearch], solved: list[ContextSearch]) -> None:
         self.has_aimed = self.has_aimed or any_has_aimed(searched)

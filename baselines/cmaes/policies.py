@@ -31,7 +31,7 @@ class ResidualPolicy(ElitePolicy):
     :param observation_space: contexts, shape (C,)
     :param action_space: trajectories, shape (T, D)
     :param lr_schedule: not used; SB3 passes it to every policy
-    :param cnmp: architecture of the network
+    :param cnmp: architecture of the network; by default that of its committed measurements
     """
 
     initial: th.Tensor
@@ -42,7 +42,7 @@ class ResidualPolicy(ElitePolicy):
         observation_space: spaces.Box,
         action_space: spaces.Box,
         lr_schedule: Schedule | None = None,
-        cnmp: CNMPArchitecture = CNMPArchitecture(),  # noqa: B008 (frozen)
+        cnmp: CNMPArchitecture = CNMPArchitecture.preset("latent"),  # noqa: B008 (frozen)
     ) -> None:
         super().__init__(observation_space, action_space)
         self.settings: dict[str, Any] = {"cnmp": cnmp}

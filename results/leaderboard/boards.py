@@ -73,8 +73,6 @@ _POINTS = ("3 points", "6 points")
 
 #: rows of suites that take an algorithm apart, or whose settings nobody but its authors sought
 _ABLATIONS = {
-    "ACNMP, one start",
-    "twin, all starts",
     "twin, quadratic",
     "ACNMP, hand-tuned",
     "twin, nearest, hand-tuned",

@@ -7,7 +7,6 @@ from results.adaptation.protocol import Extrapolation
 from results.algorithms import (
     ACNMP,
     NETWORK_DRIVES,
-    ONE_START,
     THESIS_NETWORK,
     thesis_acnmp,
     twins,
@@ -17,7 +16,7 @@ from sb3_nmp import ACNMPAdaptation, ACNMPExploration, ShapedExploration
 
 #: as in the suite push: what is to be found is like what was shown
 EXPLORATION = ACNMPExploration.preset("push")
-OURS: dict[str, object] = {"exploration": EXPLORATION, "population_size": 3, **ONE_START}
+OURS: dict[str, object] = {"exploration": EXPLORATION, "population_size": 3}
 OF_TWINS = OURS | {"exploration": ShapedExploration.preset("push")}
 OF_THESIS: dict[str, object] = {"policy_kwargs": {"cnmp": THESIS_NETWORK}}
 #: one rollout, the answer itself, from which nothing is learned

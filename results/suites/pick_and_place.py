@@ -6,10 +6,8 @@ from benchmark_envs.tasks.pick_and_place_expert import EXTRAPOLATION_CONTEXTS
 from results.adaptation.protocol import Extrapolation
 from results.algorithms import (
     ACNMP,
-    ALL_STARTS,
     CMAES,
     EWERTON,
-    ONE_START,
     REPS,
     STARK,
     SUM_ALONE,
@@ -25,8 +23,6 @@ from results.tuning.contexts import tuning_contexts
 ALGORITHMS = {
     "ACNMP": ACNMP,
     "ACNMP, sum alone": replace(ACNMP, settings=SUM_ALONE),
-    "ACNMP, one start": replace(ACNMP, settings=ONE_START),
-    "twin, all starts": ALL_STARTS,
     **twins("nearest", "ridge", "Gaussian process"),
     **hand_tuned(n_bases=8, shaped=0.5),
     "twin, nearest, sum alone": twin("nearest", **SUM_ALONE),

@@ -6,11 +6,9 @@ from benchmark_envs.tasks.pouring import EXTRAPOLATION_CONTEXTS
 from results.adaptation.protocol import Extrapolation
 from results.algorithms import (
     ACNMP,
-    ALL_STARTS,
     CMAES,
     DREPS,
     EWERTON,
-    ONE_START,
     REPS,
     STARK,
     SUM_ALONE,
@@ -26,8 +24,6 @@ from results.tuning.contexts import tuning_contexts
 ALGORITHMS = {
     "ACNMP": ACNMP,
     "ACNMP, sum alone": replace(ACNMP, settings=SUM_ALONE),
-    "ACNMP, one start": replace(ACNMP, settings=ONE_START),
-    "twin, all starts": ALL_STARTS,
     **twins("nearest", "ridge", "Gaussian process"),
     **hand_tuned(n_bases=4, shaped=0.5),
     "twin, ridge, sum alone": twin("ridge", **SUM_ALONE),

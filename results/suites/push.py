@@ -6,11 +6,9 @@ from benchmark_envs.tasks.push import EXTRAPOLATION_TARGETS, TARGETS
 from results.adaptation.protocol import LeaveOneOut
 from results.algorithms import (
     ACNMP,
-    ALL_STARTS,
     CMAES,
     EWERTON,
     NETWORK_DRIVES,
-    ONE_START,
     RCNMP,
     REPS,
     STARK,
@@ -34,8 +32,6 @@ ALGORITHMS = {
     "ACNMP": ACNMP,
     "ACNMP, network drives": replace(ACNMP, settings=NETWORK_DRIVES | {"exploration": EXPLORATION}),
     "ACNMP, sum alone": replace(ACNMP, settings=SUM_ALONE),
-    "ACNMP, one start": replace(ACNMP, settings=ONE_START),
-    "twin, all starts": ALL_STARTS,
     **twins(*TWINS),
     "twin, nearest, sum alone": twin("nearest", **SUM_ALONE),
     **hand_tuned(population_size=3, n_bases=4, shaped=0.99),

@@ -13,7 +13,6 @@ from results.exceptions import BenchmarkError
 from results.transfer.skills import BUTTON, SOURCE, TARGET, button, proxy_contexts, shown
 from sb3_nmp import (
     ACNMP,
-    ACNMPCritic,
     CNMPArchitecture,
     CNMPPretraining,
     Demonstrations,
@@ -138,7 +137,6 @@ def measure(run: TransferRun) -> dict[str, Any]:
         env,
         demonstrations=Demonstrations(context[None], answer[None]),
         population_size=run.population_size,
-        critic=ACNMPCritic(other_starts=()),  # regressions on one trajectory answer with it
         pretraining=PRETRAINING,
         seed=run.seed,
     ).learn(run.budget, UntilSolved(env))

@@ -240,9 +240,8 @@ class ACNMP(AdaptiveAlgorithm):
         space = Subspace(answer, along)
         if self.search == "policy":
             return PolicySearch(space, self.exploration)
-        starts = self._other_starts(row, answer, self.critic.other_starts)
         unit = self._context_unit()
-        return CriticSearch(space, self.exploration.radius, self.critic, starts, unit)
+        return CriticSearch(space, self.exploration.radius, self.critic, unit)
 
     def _shown_like(self, context: NDArray[np.float64]) -> Demonstrations:
         """Return the demonstrations of the mode in which the network answers a context (C,)."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_nmp.bayesian.critic import Critic, may_aim, tells_misses
+from sb3_nmp.bayesian.critic import Critic, tells_misses
 from sb3_nmp.bayesian.gaussian_process import Hypotheses
 from sb3_nmp.bayesian.settings import ACNMPCritic
 from sb3_nmp.common.context_search import ContextSearch
@@ -102,21 +102,17 @@ class TrustRegion:
 class CriticSearch:
     """Bayesian optimisation around a fixed trajectory, the policy's answer when it begins.
 
-    The first trajectory is that answer. Others to start from may follow, such as the nearest
-    demonstration's: the search goes on around the one of largest reward. Where the first rollout
-    tells what it achieved, no other start is tried, and the critic aims (`Critic`) until a rollout
-    succeeds; where the trust region had to begin anew twice, every other one goes by the reward.
-    The rest of the first generation is drawn around the answer. Later ones are the points of
-    largest random upper confidence bound (`Critic.draw_upper_bounds`) inside a trust region around
-    the best rollout so far, chosen one after the other by the Kriging believer. The bound is less a
-    penalty on the distance from where the search started (`ACNMPCritic.pull`): the demonstrations
-    hold what a reward does not tell.
+    The first trajectory is that answer; the rest of the first generation is drawn around it. Later
+    ones are the points of largest random upper confidence bound (`Critic.draw_upper_bounds`) inside
+    a trust region around the best rollout so far, chosen one after the other by the Kriging
+    believer. The bound is less a penalty on the distance from where the search started
+    (`ACNMPCritic.pull`): the demonstrations hold what a reward does not tell. Where rollouts tell
+    what they achieved, the critic aims (`Critic`) until one succeeds; where the trust region had to
+    begin anew twice, every other one goes by the reward.
 
     :param space: with the policy's answer as origin
     :param radius: of the first generation, in standard deviations of the exploration
     :param settings: of the critic
-    :param starts: other trajectories to start from, each of shape (T, D); empty once the search has
-        chosen where to begin, for those that lost are forgotten
     :param unit: of each entry of the context, shape (C,), in which it is told what was achieved
     :param points: coordinates of the rollouts so far, shape (N, n)
     :param rollouts: what is known of them, oldest generation first
@@ -132,7 +128,6 @@ class CriticSearch:
     space: Subspace
     radius: float
     settings: ACNMPCritic = field(default_factory=ACNMPCritic)
-    starts: tuple[FloatArray, ...] = ()
     unit: FloatArray | None = None
     points: FloatArray = field(init=False)
     rollouts: list[Generation] = field(default_factory=list)
@@ -181,13 +176,12 @@ class CriticSearch:
         :param n: how many
         :param rng: the generator to draw from
         """
-        untried = [self.space.origin, *self.starts][len(self.points) : len(self.points) + n]
-        if len(self.points) > 1 and not untried:
+        if len(self.points) > 1:
             return self.space.trajectories(self._ask_critic(n, rng))
         points = self.region.radius * rng.standard_normal((n, self.space.size))
         asked = self.space.trajectories(points)
-        for row, start in enumerate(untried):
-            asked[row] = start
+        if len(self.points) == 0:
+            asked[0] = self.space.origin
         return asked
 
     def _ask_critic(self, n: int, rng: np.random.Generator) -> FloatArray:
@@ -243,13 +237,8 @@ class CriticSearch:
         self.has_improved = bool(rollouts.rewards.max() > before.max(initial=-np.inf))
         if rollouts.successes.any() and not self.has_succeeded:
             self.has_succeeded, self.n_taught = True, 0
-        if len(self.points) <= len(self.starts) and may_aim(self._seen(rollouts)):
-            self.starts, self.has_aimed = self.starts[: len(self.points) - 1], True
-        n_starts = 1 + len(self.starts)
-        if len(before) >= max(2, n_starts):
+        if len(before) > 1:
             self.region.update(self.has_improved)
-        if len(before) < n_starts <= len(self.points) and self.starts:
-            self._begin_around(int(self.rewards[:n_starts].argmax()))
         if not self.has_succeeded and self.region.radius < self.settings.restart_radius:
             self.region.radius = self.radius
             self.n_restarts += 1
@@ -265,20 +254,6 @@ class CriticSearch:
     def was_taught(self) -> None:
         """Take note that a network has learned from all rollouts so far."""
         self.n_taught = len(self.points)
-
-    def _begin_around(self, start: int) -> None:
-        """Go on around the best of the trajectories to start from, as if it were the only one.
-
-        The others are far off, and would tell the critic about the way between them.
-
-        :param start: 0 for the policy's answer, around which the rest of a generation is drawn
-        """
-        n_starts, told = 1 + len(self.starts), Generation.concatenate(self.rollouts)
-        origin = [self.space.origin, *self.starts][start]
-        kept = [start, *range(n_starts, len(told))] if start == 0 else [start]
-        self.space, self.starts = Subspace(origin, self.space.directions), ()
-        self.rollouts = [told[np.array(kept)]]
-        self.points = self.space.coordinates(self.rollouts[0].trajectories)
 
 
 def any_has_aimed(searched: list[ContextSearch]) -> bool:

@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from sb3_nmp.common.exceptions import ConfigurationError
-from sb3_nmp.common.regression import Regression, check_regression
 from sb3_nmp.common.settings import Presets, Rules, check_rules, settings_name
 from sb3_nmp.common.tuning import Choice, Range, SearchSpace
 
@@ -70,11 +68,6 @@ class ACNMPCritic:
     >>> ACNMPCritic(pull=0.0).radius_limits
     (0.02, 1.5)
 
-    :param other_starts: regressions on what was right (`sb3_nmp.common.regression`) whose answers a
-        search in a pinned context tries after the policy's, to go on around the best: beyond the
-        demonstrations nobody knows beforehand which is nearest to a solution. An answer that equals
-        another is left out; so are those that were not tried yet, where a rollout tells what it
-        achieved
     :param pull: penalty on the distance from where the search started; 0 switches it off. At one
         typical draw's distance it is this share of the cost of the best rollout
     :param radius_limits: smallest and largest radius of the trust region, in standard deviations of
@@ -106,7 +99,6 @@ class ACNMPCritic:
     :raises ConfigurationError: a value outside its range
     """
 
-    other_starts: tuple[Regression, ...] = ()
     pull: float = 0.3
     radius_limits: tuple[float, float] = (0.02, 1.5)
     growth: float = 1.25
@@ -128,13 +120,6 @@ class ACNMPCritic:
     def __post_init__(self) -> None:
         """Check the values."""
         low, high = self.radius_limits
-        if isinstance(self.other_starts, str):
-            raise ConfigurationError(
-                f"other_starts is {self.other_starts!r}; give a tuple of regressions, such as "
-                f"({self.other_starts!r},), or () for the policy's answer alone."
-            )
-        for name in self.other_starts:
-            check_regression(name)
         rules: Rules = {
             "pull": (self.pull >= 0, ">= 0"),
             "radius_limits": (0 < low <= high, "(low, high) with 0 < low <= high"),

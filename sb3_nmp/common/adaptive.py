@@ -22,7 +22,6 @@ from sb3_nmp.common.elites import SAME_CONTEXT
 from sb3_nmp.common.environment import check_achieved, check_multiple
 from sb3_nmp.common.exceptions import ConfigurationError, InvalidDataError
 from sb3_nmp.common.policies import ElitePolicy
-from sb3_nmp.common.regression import Regression, fit
 from sb3_nmp.common.rollouts import Generation, Information
 from sb3_nmp.common.settings import Rules
 
@@ -174,32 +173,6 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
         """Return the demonstrations together with what was assimilated."""
         shown, found = cast(Demonstrations, self.demonstrations), self.replay_buffer
         return shown.joined_with(found.contexts, found.trajectories) if len(found) else shown
-
-    def _other_starts(
-        self,
-        context: NDArray[np.floating],
-        answer: NDArray[np.float64],
-        regressions: tuple[Regression, ...],
-    ) -> tuple[NDArray[np.float64], ...]:
-        """Return what regressions on what was right answer, each of shape (T, D).
-
-        Among drawn contexts there are none: a solution that is the mean of several successes
-        must not be the mean of two ways, and the nearest context may be solved in another way.
-
-        :param context: shape (C,)
-        :param answer: the policy's; what equals it, or another one, is left out
-        :param regressions: which ones
-        """
-        if not self._pinned:
-            return ()
-        known, found = self.training_set(), [answer]
-        values = known.trajectories.reshape(len(known), -1).astype(np.float64)
-        for name in regressions:
-            asked = fit(name, known.contexts, values)(context[None].astype(np.float64))
-            other = asked.reshape(answer.shape)
-            if not any(np.allclose(other, each) for each in found):
-                found.append(other)
-        return tuple(found[1:])
 
     def _context_unit(self) -> NDArray[np.float64]:
         """Return the standard deviation of each entry of the demonstrated contexts, shape (C,).
