@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+from torch import nn
+
 from results.harness.specification import Algorithm
 from sb3_nmp import (
     ACNMPAdaptation,
@@ -148,7 +150,7 @@ def hand_tuned(n_bases: int, shaped: float, population_size: int = 1) -> dict[st
 
 #: context in the decoder, time as it is, no trend, one network
 THESIS_NETWORK = CNMPArchitecture(
-    linear_trend=False, fitted_trend=False, n_frequencies=0, n_members=1
+    linear_trend=False, fitted_trend=False, n_frequencies=0, n_members=1, activation_fn=nn.ReLU
 )
 
 

@@ -16,9 +16,10 @@ class CNMPArchitecture(Presets):
     """Architecture of a CNMP.
 
     Training begins with the linear regression of the demonstrations on their contexts, and learns
-    what that leaves. ``CNMPArchitecture.preset("latent")`` has neither that nor the context in the
-    decoder: all that tells trajectories apart is in the representation, as where two robots share
-    one, or a latent space is looked at.
+    what that leaves, with smooth layers: those with corners go astray beyond the demonstrations
+    (``results/experiments/acnmp.md``). ``CNMPArchitecture.preset("latent")`` has none of that, nor
+    the context in the decoder: all that tells trajectories apart is in the representation, as where
+    two robots share one, or a latent space is looked at.
 
     >>> from sb3_nmp import CNMPArchitecture
     >>> CNMPArchitecture.preset("latent").context_in_decoder
@@ -54,13 +55,13 @@ class CNMPArchitecture(Presets):
     linear_trend: bool = True
     n_frequencies: int = 8
     min_std: float = 0.02
-    activation_fn: type[nn.Module] = nn.ReLU
+    activation_fn: type[nn.Module] = nn.SiLU
     n_members: int = 5
     n_modes: int = 1
     fitted_trend: bool = True
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "latent": {"context_in_decoder": False, "fitted_trend": False}
+        "latent": {"context_in_decoder": False, "fitted_trend": False, "activation_fn": nn.ReLU}
     }
 
     def __post_init__(self) -> None:
