@@ -37,9 +37,13 @@ from sb3_nmp.models.cnmp_training import pretrain
 
 T = 20
 TIMES = np.linspace(0.0, 1.0, T)
-SMALL = CNMPArchitecture(
-    representation_dim=4, encoder_arch=(16,), decoder_arch=(32,), n_frequencies=2
-)
+SIZES: dict[str, Any] = {
+    "representation_dim": 4,
+    "encoder_arch": (16,),
+    "decoder_arch": (32,),
+    "n_frequencies": 2,
+}
+SMALL = CNMPArchitecture(**SIZES)
 QUICK = CNMPPretraining(n_steps=300)
 
 
@@ -92,6 +96,14 @@ def demonstrations() -> Demonstrations:
 def cnmp(demonstrations: Demonstrations) -> CNMP:
     th.manual_seed(0)
     untrained = CNMP(1, (T, 1), SMALL)
+    return pretrain(demonstrations, CNMPPretraining(1000), np.random.default_rng(0), untrained)
+
+
+@pytest.fixture(scope="module")
+def latent(demonstrations: Demonstrations) -> CNMP:
+    """A network whose representation alone tells trajectories apart."""
+    th.manual_seed(0)
+    untrained = CNMP(1, (T, 1), replace(CNMPArchitecture.preset("latent"), **SIZES))
     return pretrain(demonstrations, CNMPPretraining(1000), np.random.default_rng(0), untrained)
 
 
@@ -160,15 +172,14 @@ def test_samples_differ_and_the_mean_does_not(demonstrations: Demonstrations) ->
     assert not np.array_equal(samples[0], samples[1])
 
 
-def test_the_representation_tells_demonstrations_apart(demonstrations: Demonstrations) -> None:
+def test_the_representation_tells_demonstrations_apart(
+    latent: CNMP, demonstrations: Demonstrations
+) -> None:
     """Without the context in the decoder, all that differs goes through the latent space."""
-    th.manual_seed(0)
-    latent = CNMP(1, (T, 1), replace(SMALL, context_in_decoder=False, fitted_trend=False))
-    cnmp = pretrain(demonstrations, CNMPPretraining(1000), np.random.default_rng(0), latent)
-    codes = cnmp.encode_whole(demonstrations)
-    condition = cnmp.condition(th.zeros(len(SHOWN), 1))
+    codes = latent.encode_whole(demonstrations)
+    condition = latent.condition(th.zeros(len(SHOWN), 1))
     with th.no_grad():
-        decoded = cnmp.mean(condition, codes).numpy()
+        decoded = latent.mean(condition, codes).numpy()
     assert np.sqrt(((decoded - demonstrations.trajectories) ** 2).mean()) < 0.1
 
 
@@ -200,10 +211,10 @@ def test_settings_outside_their_range_are_refused() -> None:
 # -- exploration ---------------------------------------------------------------------------------
 
 
-def test_directions_have_the_scale_asked_for(cnmp: CNMP, demonstrations: Demonstrations) -> None:
+def test_directions_have_the_scale_asked_for(latent: CNMP, demonstrations: Demonstrations) -> None:
     def found(**settings: float) -> np.ndarray:
         off: dict[str, Any] = {"latent": 0.0, "noise": 0.0, **settings}
-        return directions(ACNMPExploration(**off), (0.2,), cnmp, demonstrations, np.array([0.3]))
+        return directions(ACNMPExploration(**off), (0.2,), latent, demonstrations, np.array([0.3]))
 
     def rms(direction: np.ndarray) -> float:
         return float(np.sqrt((direction**2).mean()))

@@ -12,6 +12,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch as th
+from torch import nn
 
 from sb3_nmp import (
     ACNMP,
@@ -33,8 +34,8 @@ from tests.registry import DEMONSTRATIONS, ENV_ID, POPULATION
 from tests.test_acnmp import SHOWN, Reach, T, build, expert
 
 GOAL = np.array([0.5], np.float32)
-#: all of it is learned: one that begins as a regression has few units that the toy's bend needs
-SMALL = replace(toy.SMALL, fitted_trend=False)
+#: all of it is learned: of one that begins as a regression, few of its few units are in use
+SMALL = replace(toy.SMALL, fitted_trend=False, activation_fn=nn.ReLU)
 LEARNED: dict[str, Any] = {"policy_kwargs": {"cnmp": SMALL}}
 #: how much higher than demonstrated a trajectory has to end
 HIGHER = 0.5
