@@ -371,6 +371,18 @@ def test_runs_of_two_programs_make_no_row(made: Path) -> None:
         make_row("hills", [records[0], other, *records[2:]])
 
 
+def test_a_row_tells_what_any_of_its_runs_saw(made: Path) -> None:
+    from results.harness.record_files import read_records
+    from results.leaderboard.rows import make_row
+
+    first, *others = read_records(made / "runs/hills").records
+    assert first.result is not None and first.result.sees is not None
+    more = replace(first, result=replace(first.result, sees=(*first.result.sees, "terms")))
+    for runs in ([more, *others], [*others, more]):
+        row, _ = make_row("hills", runs)
+        assert row.sees == tuple(sorted({*first.result.sees, "terms"}))
+
+
 def test_the_mean_reward_holds_each_entry_until_the_next() -> None:
     assert mean_reward([5, 10, 30], [-9.0, -3.0, -1.0], 40) == (-9 * 5 - 3 * 20 - 1 * 10) / 35
     assert mean_reward([40], [-2.0], 40) == -2.0

@@ -226,9 +226,11 @@ def make_row(
     asked = first.specification
     for record in runs:
         _check_same_origin(board, first, record)
+    seen = {each for record in runs for each in record.sees or ()}  # one that aimed saw more
+    sees = tuple(sorted(seen)) or None
     row = Row(
         board, asked.label, asked.description, asked.algorithm, asked.settings, asked.task,
-        asked.protocol.shared, asked.budget, first.sees,
+        asked.protocol.shared, asked.budget, sees,
         first.provenance, claims,
     )  # fmt: skip
     return row, _evidence(runs)
