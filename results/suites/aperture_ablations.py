@@ -8,15 +8,16 @@ from results.algorithms import ACNMP
 from results.harness.specification import Algorithm
 from results.harness.suite import Recipe
 from results.suites.aperture import RECIPE as APERTURE
+from results.suites.aperture import SEARCH
 from sb3_nmp import ACNMPExploration, CNMPArchitecture, CNMPPretraining
 
 
 def acnmp(**settings: object) -> Algorithm:
-    """Return ACNMP with other settings than its defaults.
+    """Return ACNMP with other settings than the suite aperture.
 
     :param settings: constructor arguments
     """
-    return replace(ACNMP, settings=settings)
+    return replace(ACNMP, settings=SEARCH | settings)
 
 
 def network(**settings: object) -> Algorithm:
@@ -28,11 +29,9 @@ def network(**settings: object) -> Algorithm:
 
 
 ALGORITHMS = {
-    "ACNMP": ACNMP,
-    # A search begins where start and goal are missed by more than 0.1 m together, or the wall is
-    # nearer than 0.63 m, and ends with half of that: what is learned is better than what suffices.
-    "thresholds": acnmp(reward_threshold=(-0.1, -0.05), n_successes=1, max_generations=15),
-    "one success": acnmp(n_successes=1),
+    "ACNMP": acnmp(),
+    "no threshold": acnmp(reward_threshold=None, n_successes=5),
+    "five successes": acnmp(n_successes=5),
     "20 contexts at once": acnmp(n_contexts=20, population_size=5),
     "longer pre-training": acnmp(pretraining=CNMPPretraining(n_steps=4000, batch_size=32)),
     "latents too": acnmp(exploration=ACNMPExploration(latent=0.5)),

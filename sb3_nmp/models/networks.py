@@ -18,6 +18,9 @@ from sb3_nmp.common.settings import settings_name
 
 #: of a fitted trend's slopes, for each demonstration, contexts having a standard deviation of 1
 TREND_RIDGE = 0.01
+#: of its weights over time, for each time point: waves over half of their period are nearly
+#: collinear, and weights that cancel each other would cost single precision its digits
+TIME_RIDGE = 1e-4
 #: the activations that settings name in files
 ACTIVATIONS = {
     "relu": nn.ReLU,
@@ -225,7 +228,9 @@ class TrajectoryDecoder(nn.Module):
         :param values: of the trend's outputs, shape (N, T, trend_dim)
         """
         bases = _bases_of(self.features(times)).double()
-        weights = th.linalg.lstsq(bases, values.double().movedim(0, 1).flatten(1)).solution
+        gram = bases.T @ bases
+        gram.diagonal().add_(TIME_RIDGE * len(bases))
+        weights = th.linalg.solve(gram, bases.T @ values.double().movedim(0, 1).flatten(1))
         wanted = weights.unflatten(1, (len(values), -1)).movedim(1, 0).flatten(1)
         rows = condition.double().cpu().numpy()
         penalty = TREND_RIDGE * len(rows)
