@@ -99,8 +99,13 @@ TWINS = {
     "quadratic": "quadratic",
     "Gaussian process": "gaussian-process",
 }
-#: settings of ACNMP without a critic: the policy gradient moves the network, the search follows it
-NETWORK_DRIVES: dict[str, object] = {"search": "policy", "population_size": 5}
+#: settings of ACNMP without a critic: the policy gradient moves the network, the search follows
+#: it. The network is the one that its committed rows were measured with
+NETWORK_DRIVES: dict[str, object] = {
+    "search": "policy",
+    "population_size": 5,
+    "policy_kwargs": {"cnmp": CNMPArchitecture.preset("latent")},
+}
 #: setting of a critic that sees the reward's sum alone
 SUM_ALONE: dict[str, object] = {"critic": ACNMPCritic(terms=False, achieved=False)}
 

@@ -26,8 +26,8 @@ NO_SEARCH: dict[str, object] = {
 }
 #: the policy gradient alone, and noise that is alike everywhere
 RL: dict[str, object] = {
-    **OF_THESIS,
     **NETWORK_DRIVES,
+    **OF_THESIS,
     "adaptation": ACNMPAdaptation(supervised=False),
     "exploration": ACNMPExploration(shaped=0.0),
 }
