@@ -86,9 +86,10 @@ def test_push_aims_from_its_answer_and_divergence_is_no_cost_of_the_task() -> No
     task = make_task("nmp/Push-v0", n_threads=1)
     shown = Demonstrations.from_task(task, TARGETS[[0, 1, 3]])
     env = gym.make("nmp/Push-v0", context=TARGETS[9])  # far from those
-    model = BO("MlpPolicy", env, demonstrations=shown, seed=0).learn(1)
+    model = BO("MlpPolicy", env, demonstrations=shown, seed=0).learn(4)
     (search,) = (each.search for each in model.searches)
     assert isinstance(search, CriticSearch)
+    assert search.has_aimed
     told = search.rollouts[0]
     assert {"path", "diverged"} == set(told.terms) and told.achieved is not None
     assert may_aim(told)

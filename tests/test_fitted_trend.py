@@ -1,5 +1,6 @@
 """The fitted trend: a CNMP begins as the linear regression of demonstrations on their contexts."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -51,6 +52,17 @@ def test_before_any_step_the_trend_is_the_regression(
     # the ridge, 0.01, takes that share of the slopes
     np.testing.assert_allclose(cnmp.trajectories(BEYOND), linear(BEYOND), atol=0.12)
     np.testing.assert_allclose(cnmp.trajectories(BEYOND)[:, 0], 5.0, atol=0.02)
+
+
+def test_single_precision_suffices() -> None:
+    """Over half of their period waves are nearly collinear: weights must not cancel each other."""
+    times = np.linspace(0.0, 1.0, 200)[:, None]
+    bent = np.where(times < 0.3, 0.0, times - 0.3) * SHOWN[:, None] + (times > 0.7)
+    th.manual_seed(0)
+    cnmp = CNMP(2, (200, 2), FITTED)
+    pretrain(Demonstrations(SHOWN, bent), CNMPPretraining(0), np.random.default_rng(0), cnmp)
+    exact = copy.deepcopy(cnmp).double().trajectories(SHOWN)
+    np.testing.assert_allclose(cnmp.trajectories(SHOWN), exact, atol=1e-5)
 
 
 @pytest.mark.parametrize("architecture", [FITTED, BESIDE])

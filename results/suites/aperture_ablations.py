@@ -37,7 +37,7 @@ ALGORITHMS = {
     "latents too": acnmp(exploration=ACNMPExploration(latent=0.5)),
     "one network": network(n_members=1),
     "context through latents": acnmp(policy_kwargs={"cnmp": CNMPArchitecture.preset("latent")}),
-    "corners": network(activation_fn=nn.ReLU),
+    "ReLU layers": network(activation_fn=nn.ReLU),
     "trend not fitted": network(fitted_trend=False),
     "no linear trend": network(linear_trend=False),
 }

@@ -43,7 +43,7 @@ ALGORITHMS = {
     "no pull": acnmp(critic=ACNMPCritic(pull=0.0)),
     **twins(*TWINS),
     "no linear trend": acnmp(policy_kwargs={"cnmp": CNMPArchitecture(linear_trend=False)}),
-    "corners": acnmp(policy_kwargs={"cnmp": CNMPArchitecture(activation_fn=nn.ReLU)}),
+    "ReLU layers": acnmp(policy_kwargs={"cnmp": CNMPArchitecture(activation_fn=nn.ReLU)}),
     "trend not fitted": acnmp(policy_kwargs={"cnmp": CNMPArchitecture(fitted_trend=False)}),
     "context through latents": acnmp(policy_kwargs={"cnmp": CNMPArchitecture.preset("latent")}),
     "ACNMP, network drives": PUSH_ALGORITHMS["ACNMP, network drives"],

@@ -64,6 +64,11 @@ class CNMPArchitecture(Presets):
         "latent": {"context_in_decoder": False, "fitted_trend": False, "activation_fn": nn.ReLU}
     }
 
+    @property
+    def has_fitted_trend(self) -> bool:
+        """Whether there is a trend, and training begins with a fitted one."""
+        return self.linear_trend and self.fitted_trend
+
     def __post_init__(self) -> None:
         """Check the numbers of members and of modes."""
         for name in ("n_members", "n_modes"):

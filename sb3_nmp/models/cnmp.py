@@ -65,7 +65,7 @@ class CNMP(nn.Module):
         self.gate = ModeGate(context_dim, n_modes) if n_modes > 1 else None
         condition_dim = context_dim + (n_modes if n_modes > 1 else 0)
         self.network = ConditionalNeuralProcess(n_dimensions, condition_dim, architecture)
-        self.has_fitted_trend = architecture.linear_trend and architecture.fitted_trend
+        self.has_fitted_trend = architecture.has_fitted_trend
         self.register_buffer("times", th.linspace(0.0, 1.0, n_time_points))
         self.register_buffer("context_mean", th.zeros(context_dim))
         self.register_buffer("context_std", th.ones(context_dim))

@@ -32,8 +32,7 @@ class ConditionalNeuralProcess(nn.Module):
         a, code, n = architecture, architecture.representation_dim, architecture.n_members
         self.representation_dim, self.min_std, self.n_members = code, a.min_std, n
         self.condition_in_decoder = a.context_in_decoder
-        fitted = a.linear_trend and a.fitted_trend
-        self.condition_in_trend = fitted and not a.context_in_decoder
+        self.condition_in_trend = a.has_fitted_trend and not a.context_in_decoder
         self.features = TimeFeatures(a.n_frequencies)
         encoder_inputs = self.features.n_features + value_dim + condition_dim
         self.encoder = mlp([encoder_inputs, *a.encoder_arch, code], a.activation_fn, n)
