@@ -25,7 +25,13 @@ from results.leaderboard.boards import BOARDS, DATA, Board
 from results.leaderboard.check import FALSE_ALARMS, MEASURES, judge
 from results.leaderboard.files import digest, read_row, row_paths, write_row
 from results.leaderboard.rows import Claim, Evidence, Row, mean_reward
-from results.leaderboard.verify import TOLERANCE, _about_claim_over_many, as_known_then, verify_row
+from results.leaderboard.verify import (
+    TOLERANCE,
+    _about_claim_over_many,
+    as_known_then,
+    other_versions,
+    verify_row,
+)
 from results.one_context.protocol import OneContext
 from results.report.statistics import permutation_p
 from results.stream.evaluation import N_KEPT
@@ -180,6 +186,8 @@ def test_an_honest_row_holds(made: Path, capsys: pytest.CaptureFixture[str]) -> 
     "path", row_paths(DATA), ids=lambda path: f"{path.parent.name}/{path.stem}"
 )
 def test_every_committed_row_holds(path: Path) -> None:
+    if versions := other_versions(read_row(path)[0]):
+        pytest.skip(f"the row was made with {versions}; others may give other rewards")
     assert verify_row(path).problems == []
 
 

@@ -76,14 +76,24 @@ def comparison(row: Row) -> tuple[str, float]:
 
     :param row: with the machine and versions that it was made with
     """
-    here, there = provenance(), row.provenance
-    others = [name for name in DECIDES_REWARDS if here.packages[name] != there.packages[name]]
-    if others:
-        versions = ", ".join(f"{name} {there.packages[name]}" for name in others)
+    if versions := other_versions(row):
         return f"within {TOLERANCE:g}; the row was made with {versions}", TOLERANCE
-    if there.machine != machine():
+    if row.provenance.machine != machine():
         return f"within {TOLERANCE:g}; the row was made on another kind of CPU", TOLERANCE
     return "bitwise", 0.0
+
+
+def other_versions(row: Row) -> str:
+    """Return with which other versions than here a row was made, in words; empty where with none.
+
+    Another version of MuJoCo may give other rewards.
+
+    :param row: with the versions that it was made with
+    """
+    here, there = provenance().packages, row.provenance.packages
+    return ", ".join(
+        f"{name} {there[name]}" for name in DECIDES_REWARDS if here[name] != there[name]
+    )
 
 
 def _runs(row: Row, board: Board) -> Runs:

@@ -19,6 +19,8 @@ Regression = Literal["nearest", "ridge", "quadratic", "gaussian-process"]
 Answer = Callable[[FloatArray], FloatArray]
 
 RIDGE = 0.3  # of the slopes, contexts having a standard deviation of 1
+#: penalties on slopes, of which `least_error_penalty` takes one
+PENALTIES = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
 NEWEST = 600  # contexts that a Gaussian process sees at most
 LENGTHS = (0.3, 0.5, 0.8, 1.2, 2.0, 3.0, 5.0, 8.0)  # of its kernel, to choose from by evidence
 NOISES = (1e-4, 1e-3, 1e-2, 0.1, 0.3, 1.0)  # variances, as shares of the kernel's
@@ -129,6 +131,38 @@ def linear_regression(
     gram = rows.T @ rows + penalty * np.eye(rows.shape[1])
     slopes = np.linalg.solve(gram, rows.T @ (values - middle))
     return centre, middle, slopes
+
+
+def least_error_penalty(known: FloatArray, values: FloatArray) -> float:
+    """Return the penalty of `linear_regression` with the least leave-one-out error.
+
+    >>> rng = np.random.default_rng(0)
+    >>> known = rng.normal(size=(20, 2))
+    >>> least_error_penalty(known, known), least_error_penalty(known, rng.normal(size=(20, 2)))
+    (0.1, 1000.0)
+
+    :param known: contexts with a standard deviation of 1, shape (M, C)
+    :param values: theirs, shape (M, P)
+    """
+    return min(PENALTIES, key=lambda penalty: leave_one_out_error(known, values, penalty))
+
+
+def leave_one_out_error(known: FloatArray, values: FloatArray, penalty: float) -> float:
+    """Return the mean squared error of each row, predicted by `linear_regression` on the others.
+
+    Of least squares these errors are known from one fit: its own by one minus the row's leverage.
+    With a penalty it is so but for the centre, which is that of all rows.
+
+    :param known: contexts with a standard deviation of 1, shape (M, C)
+    :param values: theirs, shape (M, P)
+    :param penalty: on the squared slopes
+    """
+    centre, middle, slopes = linear_regression(known, values, penalty)
+    rows = known - centre
+    gram = rows.T @ rows + penalty * np.eye(rows.shape[1])
+    leverage = 1 / len(rows) + np.einsum("mc,mc->m", rows @ np.linalg.inv(gram), rows)
+    errors = (values - middle - rows @ slopes) / np.maximum(1.0 - leverage, 1e-3)[:, None]
+    return float(np.mean(errors**2))
 
 
 def quadratic(known: FloatArray, values: FloatArray) -> Answer:

@@ -36,8 +36,8 @@ class SkillSearch(BufferedAlgorithm):
 
     :param contextual: how far rollouts explore where contexts vary
     :param relabel: whether a rollout counts for the context that it achieved, where contexts vary:
-        None does so where the environment tells one, True asks for an environment that does, False
-        counts a rollout for its own context alone
+        None does so where the environment tells one and nothing was demonstrated, True asks for an
+        environment that does, False counts a rollout for its own context alone
     """
 
     def __init__(
@@ -69,9 +69,21 @@ class SkillSearch(BufferedAlgorithm):
         """Success besides; where rollouts told what they achieved, that instead of the reward."""
         known = super().information | {Information.SUCCESS}
         told = np.isfinite(self.replay_buffer.achieved).any()
-        if not (self._varies and told) or self.relabel is False:
+        if not (self._varies and told and self._relabels):
             return known
         return known - {Information.REWARD} | {Information.ACHIEVED_CONTEXTS}
+
+    @property
+    def _relabels(self) -> bool:
+        """Whether a rollout counts for the context that it achieved, where one is told.
+
+        By default not beside demonstrations: early rollouts achieve little, and what they achieve
+        is worse to learn from than what was shown.
+        """
+        if self.relabel is not None:
+            return self.relabel
+        shown = self._search is not None and self._search.shown is not None
+        return self.demonstrations is None and not shown
 
     def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
         """Exchange the environment; see SB3. Whether its contexts vary is found out anew.
@@ -95,9 +107,7 @@ class SkillSearch(BufferedAlgorithm):
         if self._varies:
             if self.relabel:
                 environment.check_tells_achievement(env)
-            self._tells_achievement = self.relabel is not False and (
-                environment.tells_achievement(env)
-            )
+            self._tells_achievement = self._relabels and environment.tells_achievement(env)
             self._search = ContextualSearch(self.contextual)
             self.replay_buffer.capacity = None
             self._begin_skill(env)
@@ -146,7 +156,7 @@ class SkillSearch(BufferedAlgorithm):
         buffer, skill, was_ready = self.replay_buffer, self._skill, self._skill.is_ready
         n_before = len(buffer) - len(generation)
         search.take(generation.rewards, generation.successes, n_before, was_ready)
-        achieved = None if self.relabel is False else buffer.achieved
+        achieved = buffer.achieved if self._relabels else None
         tells: NDArray[np.bool_] = np.zeros(0, bool)
         if achieved is not None:
             tells = np.asarray(np.isfinite(achieved).all(axis=1))

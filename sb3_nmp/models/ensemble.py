@@ -72,6 +72,15 @@ class Ensemble(nn.Module):
         """E."""
         return len(self.linear)
 
+    @th.no_grad()
+    def begin_with(self, slopes: th.Tensor) -> None:
+        """Make every member the same linear map, to which training adds.
+
+        :param slopes: shape (I, K)
+        """
+        self.linear.copy_(slopes)
+        self.weights[-1].zero_()
+
     def forward(self, rows: th.Tensor) -> th.Tensor:
         """Return each member's outputs, shape (E, N, K).
 

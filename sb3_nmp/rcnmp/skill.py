@@ -15,6 +15,10 @@ categorical latent k (chapter 7 names it as future work), ``p(w | c) = sum_k p(k
 with an ensemble for each mode that was found among what was right (`sort_into_modes`). The ascent
 begins from every mode's mean, and the mode that promises most, by ``p(r* | c, w)``, answers.
 
+Where demonstrations are shown, the prior begins as a linear regression, whose penalty is the one of
+least leave-one-out error, and the reward model is believed as far as it has foretold the newest
+rollouts: a few of them must not spoil what was shown.
+
 Shape letters: N contexts, M perturbations, E members of an ensemble, K modes found, C context, P
 weights.
 """
@@ -29,6 +33,7 @@ from torch import nn
 
 from sb3_nmp.common.contextual import Experience
 from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.regression import least_error_penalty, linear_regression
 from sb3_nmp.common.settings import settings_name
 from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining
 from sb3_nmp.models.modes import sort_into_modes
@@ -132,6 +137,7 @@ class RewardConditionedSkill(nn.Module):
     shares: th.Tensor
     target_reward: th.Tensor
     residual: th.Tensor
+    n_rated: th.Tensor
 
     def __init__(self, space: SkillSpace, context_dim: int, settings: RCNMPSkill) -> None:
         super().__init__()
@@ -146,7 +152,8 @@ class RewardConditionedSkill(nn.Module):
         self.register_buffer("middles", th.zeros(settings.n_modes, space.n_weights))
         self.register_buffer("shares", th.zeros(settings.n_modes))  # p(k), 0 of modes not found
         self.register_buffer("target_reward", th.zeros(()))
-        self.register_buffer("residual", th.zeros(()))
+        self.register_buffer("residual", th.zeros(()))  # mean squared error of the reward model
+        self.register_buffer("n_rated", th.zeros((), dtype=th.long))  # rollouts it has learned from
         self._renew(th.Generator().manual_seed(0))
 
     def _renew(self, generator: th.Generator) -> None:
@@ -165,6 +172,8 @@ class RewardConditionedSkill(nn.Module):
         :param known: all rollouts so far, at least one of them right
         :param generator: of weights and batches
         """
+        shown = len(known.rated) < len(known.rewards)
+        foretold = self._error_on_new(space, known) if shown else None
         self._renew(generator)
         contexts = th.as_tensor(known.contexts, dtype=th.float32)
         weights = th.as_tensor(known.weights, dtype=th.float32)
@@ -175,14 +184,52 @@ class RewardConditionedSkill(nn.Module):
         for k, rows in enumerate(map(th.as_tensor, modes)):
             self.shares[k] = len(rows) / sum(map(len, modes))
             self.middles[k] = weights[rows].mean(dim=0)
+            asked = self.contexts(contexts[rows])
+            if shown and len(rows) > 1:
+                self._begin_linear(space, k, asked, weights[rows])
             self.prior(k).fit(
-                self.contexts(contexts[rows]),
+                asked,
                 (weights[rows] - self.middles[k]) / space.scale,
                 n_steps,
                 EnsembleTraining(),
                 generator,
             )
         self._learn_rewards(space, contexts, weights, known, generator)
+        if foretold is not None:
+            self.residual.fill_(foretold)
+
+    def _begin_linear(
+        self, space: SkillSpace, k: int, asked: th.Tensor, weights: th.Tensor
+    ) -> None:
+        """Let the prior of a mode begin as the ridge regression of what was right.
+
+        :param space: of the trajectories' weights
+        :param k: which mode
+        :param asked: standardised contexts, shape (N, C)
+        :param weights: shape (N, P)
+        """
+        rows, values = asked.double().numpy(), (weights / space.scale).double().numpy()
+        centre, middle, slopes = linear_regression(rows, values, least_error_penalty(rows, values))
+        self.middles[k] = space.scale * th.as_tensor(middle - centre @ slopes, dtype=th.float32)
+        self.prior(k).begin_with(th.as_tensor(slopes, dtype=th.float32))
+
+    @th.no_grad()
+    def _error_on_new(self, space: SkillSpace, known: Experience) -> float:
+        """Return the mean squared error of the rewards that the model foretells of new rollouts.
+
+        In units of their variance when it learned; 1, as that of a constant, where it foretells
+        nothing yet.
+        """
+        new = known.rated[int(self.n_rated) :]
+        if bool(self.target_reward.isnan()) or len(new) == 0:
+            return 1.0
+        contexts, weights, rewards = (
+            th.as_tensor(rows[new], dtype=th.float32)
+            for rows in (known.contexts, known.weights, known.rewards)
+        )
+        inputs = th.cat([self.contexts(contexts), self.moments(space.moments(weights))], dim=1)
+        errors = self.reward(inputs).mean(dim=0) - self.rewards(rewards[:, None])
+        return float((errors**2).mean())
 
     def _find_modes(self, space: SkillSpace, known: Experience) -> list[NDArray[np.intp]]:
         """Return the rows of each mode among what was right, the commonest first."""
@@ -207,6 +254,7 @@ class RewardConditionedSkill(nn.Module):
         """Train the reward model on what was executed; before a success it wants no reward."""
         rated = known.rated
         self.target_reward.fill_(th.nan)
+        self.n_rated.fill_(len(rated))
         if not known.successes[rated].any():
             return
         contexts, weights = contexts[rated], weights[rated]
