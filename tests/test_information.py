@@ -49,6 +49,11 @@ CASES: dict[str, tuple[Algorithm, dict[str, Any], dict[str, Any]]] = {
         {"policy_kwargs": SMALL, "relabel": False},
         VARYING,
     ),
+    "RCNMP over contexts, shown some": (
+        RCNMP,
+        {"policy_kwargs": SMALL, "demonstrations": DEMONSTRATIONS},
+        VARYING,
+    ),
     "GA over contexts": (GA, {}, VARYING),
     "GA over contexts, no relabelling": (GA, {"relabel": False}, VARYING),
 }

@@ -17,6 +17,7 @@ from results.harness.environments import RunTask
 from results.stream.protocol import Stream
 from sb3_nmp import RCNMP, ConfigurationError, Demonstrations, InvalidDataError
 from sb3_nmp.common.contextual import Experience
+from sb3_nmp.common.regression import leave_one_out_error, linear_regression
 from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining
 from sb3_nmp.models.modes import sort_into_modes
 from sb3_nmp.models.skill_space import SkillSpace
@@ -251,6 +252,80 @@ def test_one_mode_is_one_regression_on_all_that_was_right_bit_for_bit() -> None:
     expected = middle + space.scale * prior(rows).mean(dim=0)
     assert skill.n_found == 1 and 10 < len(right) < 30
     assert th.equal(skill.prior_mean(space, contexts), expected)
+
+
+# -- what was shown, and a few rollouts --------------------------------------------------------
+
+
+def shown_linear() -> tuple[np.ndarray, np.ndarray]:
+    """Twelve contexts, and weights that are linear in them."""
+    rng = RNG(4)
+    contexts = rng.normal(size=(12, 2))
+    return contexts, contexts @ rng.normal(size=(2, 8)) + 1.0
+
+
+def nothing() -> Experience:
+    return Experience(np.empty((0, 2)), np.empty((0, 8)), np.empty(0), np.empty(0, bool), None)
+
+
+def rolled_out(n: int, rewards: np.ndarray) -> Experience:
+    rng = RNG(6)
+    return Experience(rng.normal(size=(n, 2)), rng.normal(size=(n, 8)), rewards, rewards > 0, None)
+
+
+def test_what_was_shown_is_answered_as_its_regression_does_from_the_beginning() -> None:
+    contexts, weights = shown_linear()
+    space, skill = two_mode_skill(n_modes=1)
+    skill.learn(space, nothing().after(contexts, weights), th.Generator().manual_seed(0))
+    far = RNG(5).normal(size=(20, 2)) * 2.0
+    slopes = np.linalg.lstsq(contexts, weights - 1.0, rcond=None)[0]
+    answers = skill.answer(space, th.as_tensor(far, dtype=th.float32)).numpy()
+    assert np.abs(answers - (far @ slopes + 1.0)).max() < 0.15  # weights are up to 10
+
+
+def test_a_reward_model_is_believed_as_far_as_it_has_foretold_new_rollouts() -> None:
+    """Rewards that nothing explains must not move what was shown; those that it explains do."""
+    contexts, weights = shown_linear()
+    moved, errors = [], []
+    for explained in (False, True):
+        space, skill = two_mode_skill(n_modes=1)
+        tried = rolled_out(200, RNG(7).normal(size=200))
+        if explained:
+            # the higher the trajectory, the better, up to the best of those that were tried
+            tried.rewards[:] = 3.0 * tried.weights.mean(axis=1)
+            tried.successes[:] = tried.rewards > 1.0
+        for n in (160, 200):
+            part = Experience(
+                tried.contexts[:n], tried.weights[:n], tried.rewards[:n], tried.successes[:n], None
+            )
+            skill.learn(space, part.after(contexts, weights), th.Generator().manual_seed(0))
+        asked = th.as_tensor(contexts, dtype=th.float32)
+        step = skill.answer(space, asked) - skill.prior_mean(space, asked)
+        moved.append(float(step.pow(2).mean().sqrt()))
+        errors.append(float(skill.residual))
+    assert errors[0] > 0.8 > 0.5 > errors[1]
+    assert moved[0] < 0.5 * moved[1]
+
+
+def test_before_a_reward_model_has_foretold_anything_it_is_as_good_as_a_constant() -> None:
+    contexts, weights = shown_linear()
+    space, skill = two_mode_skill(n_modes=1)
+    tried = rolled_out(20, RNG(7).normal(size=20))
+    skill.learn(space, tried.after(contexts, weights), th.Generator().manual_seed(0))
+    assert float(skill.residual) == 1.0
+    skill.learn(space, tried, th.Generator().manual_seed(0))  # where nothing is shown, its own
+    assert float(skill.residual) < 0.9
+
+
+def test_the_error_of_leaving_one_out_is_that_of_fitting_without_it() -> None:
+    rng = RNG(2)
+    known, values = rng.normal(size=(15, 3)), rng.normal(size=(15, 4))
+    squares = []
+    for row in range(15):
+        others = np.arange(15) != row
+        centre, middle, slopes = linear_regression(known[others], values[others], 1e-9)
+        squares.append((values[row] - middle - (known[row] - centre) @ slopes) ** 2)
+    assert leave_one_out_error(known, values, 1e-9) == pytest.approx(np.mean(squares), rel=1e-6)
 
 
 # -- protocol, and what is refused -------------------------------------------------------------

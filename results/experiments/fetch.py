@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3 import PPO, SAC, HerReplayBuffer
 
-from baselines import BO
+from baselines import BO, GA
 from benchmark_envs import FetchExpert, fetch_env
 from results.algorithms import TWINS
 from sb3_nmp import ACNMP, RCNMP, Demonstrations
@@ -31,6 +31,13 @@ COUNTS: dict[tuple[str, str], tuple[int, ...]] = {
 }
 OTHERWISE = (0, 100, 200, 400, 600)
 N_CONTEXTS, N_ON_THE_WAY, N_DEMONSTRATIONS, STEPS = 200, 50, 20, 50
+#: search over contexts that begins with demonstrations, by the network and by a linear regression
+SHOWN = {
+    "RC-NMP, shown": (RCNMP, {}),
+    "ridge in the loop, shown": (GA, {"policy_kwargs": {"regression": "ridge"}}),
+}
+#: how far it explores, in m: half the block's size
+SHOWN_SCALE = 0.025
 #: unseen goals are drawn with these seeds, demonstrated ones with the run's own
 FIRST_TEST_SEED, FIRST_EXPERT_SEED = 500_000, 900_000
 
@@ -81,7 +88,7 @@ def bandit(task: str, method: str, seed: int) -> tuple[Any, Callable[[Array], Ar
     """Return one of our models, and its greedy answer.
 
     :param task: id of the Fetch task
-    :param method: ``"RC-NMP"``, ``"ACNMP"`` or one of `TWINS`
+    :param method: ``"RC-NMP"``, ``"ACNMP"``, one of `SHOWN` or of `TWINS`
     :param seed: of the run
     """
     env: Any = fetch_env(task)
@@ -90,7 +97,11 @@ def bandit(task: str, method: str, seed: int) -> tuple[Any, Callable[[Array], Ar
     else:
         expert = FetchExpert(task)
         shown = Demonstrations.from_task(expert, N_DEMONSTRATIONS, seed=FIRST_EXPERT_SEED + seed)
-        if method == "ACNMP":
+        if method in SHOWN:
+            kind, settings = SHOWN[method]
+            settings = settings | {"exploration_scale": SHOWN_SCALE}
+            model = kind("MlpPolicy", env, demonstrations=shown, seed=seed, **settings)
+        elif method == "ACNMP":
             model = ACNMP("MlpPolicy", env, demonstrations=shown, seed=seed).pretrain()
         else:
             answered = {"regression": TWINS[method]}
@@ -131,10 +142,11 @@ def run(task: str, method: str, seed: int) -> dict[str, Any]:
     """Run one method on one task; return its record.
 
     :param task: id of the Fetch task
-    :param method: ``"RC-NMP"``, ``"ACNMP"``, one of `TWINS`, ``"SAC+HER"`` or ``"PPO"``
+    :param method: ``"RC-NMP"``, ``"ACNMP"``, one of `SHOWN` or of `TWINS`, ``"SAC+HER"`` or
+        ``"PPO"``
     :param seed: of the run
     """
-    begun, ours = time.time(), method in ("RC-NMP", "ACNMP", *TWINS)
+    begun, ours = time.time(), method in ("RC-NMP", "ACNMP", *SHOWN, *TWINS)
     # what a twin answers from the demonstrations is asked before any rollout
     counts = (0,) if method in TWINS else COUNTS.get((task, method), OTHERWISE)
     contexts, curve = unseen_contexts(task), []
@@ -145,8 +157,8 @@ def run(task: str, method: str, seed: int) -> dict[str, Any]:
         budget = count * per_rollout - model.num_timesteps
         if budget > 0:
             model.learn(budget, reset_num_timesteps=False)
-        if method == "RC-NMP" and count == 0:
-            continue  # there is no answer yet
+        if method in ("RC-NMP", *SHOWN) and count == 0:
+            continue  # it has seen nothing yet
         n = N_CONTEXTS if count == counts[-1] else N_ON_THE_WAY
         found = (
             successes(task, contexts[:n], asked) if ours else stepwise_successes(asked, n, model)

@@ -221,7 +221,8 @@ class RewardConditionedSkill(nn.Module):
         nothing yet.
         """
         new = known.rated[int(self.n_rated) :]
-        if bool(self.target_reward.isnan()) or len(new) == 0:
+        foretells = int(self.n_rated) > 0 and not bool(self.target_reward.isnan())
+        if not foretells or len(new) == 0:
             return 1.0
         contexts, weights, rewards = (
             th.as_tensor(rows[new], dtype=th.float32)
