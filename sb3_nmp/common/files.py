@@ -222,8 +222,9 @@ def _foreign(name: str, kind: str, members: list[str]) -> FileFormatError:
         if kind not in PICKLED_BEFORE:
             return UnsafeFileError(f"{told}; it is no {kind} that this library saved.")
         return UnsafeFileError(
-            f"{told} (this library saved a {kind} like that before version 0.2). If you trust who "
-            "wrote it, load it with allow_pickle=True, and save it again to be rid of the pickles."
+            f"{told} (this library saved a {kind} like that before it had a file format of its "
+            "own). If you trust who wrote it, load it with allow_pickle=True, and save it again to "
+            "be rid of the pickles."
         )
     return FileFormatError(
         f"{name} is no {kind} that this library saved: such a zip holds {CONTENT} and {TENSORS}, "
