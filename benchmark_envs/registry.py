@@ -51,8 +51,8 @@ def make_task(task_id: str, n_threads: int | None = None, **settings: Any) -> Ta
     :raises UnknownTaskError: no task of that id
     :raises TaskError: the task has no such setting
     """
-    if task_id not in _TASKS:
-        close = difflib.get_close_matches(task_id, _TASKS, n=1, cutoff=0.5)
+    if not isinstance(task_id, str) or task_id not in _TASKS:
+        close = difflib.get_close_matches(str(task_id), _TASKS, n=1, cutoff=0.5)
         hint = f" Did you mean '{close[0]}'?" if close else ""
         raise UnknownTaskError(
             f"no task '{task_id}' is registered.{hint} There are: {', '.join(task_ids())}."

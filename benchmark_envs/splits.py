@@ -1,5 +1,7 @@
 """The thesis's splits of tasks: contexts to demonstrate, and one to learn without demonstration."""
 
+from numbers import Integral
+
 import numpy as np
 
 from benchmark_envs.exceptions import TaskError
@@ -27,7 +29,7 @@ def leave_one_out(task_id: str, target: int) -> tuple[FloatArray, FloatArray]:
             f"{task_id} has no numbered targets to leave one out of: draw its contexts with "
             "`sample_context`."
         )
-    if not 0 <= target < len(targets):
+    if not isinstance(target, Integral) or not 0 <= target < len(targets):
         raise TaskError(
             f"{task_id} has no target {target}; its targets are numbered 0 to {len(targets) - 1}."
         )
@@ -55,7 +57,7 @@ def extrapolation(task_id: str, target: int) -> tuple[FloatArray, FloatArray]:
             f"{task_id} has no numbered contexts to extrapolate to: choose demonstrations and "
             "context yourself, or use `leave_one_out` where a task has numbered targets."
         )
-    if not 0 <= target < len(beyond):
+    if not isinstance(target, Integral) or not 0 <= target < len(beyond):
         raise TaskError(
             f"{task_id} has no extrapolation context {target}; they are numbered 0 to "
             f"{len(beyond) - 1}."

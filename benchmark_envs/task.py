@@ -14,6 +14,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
+from benchmark_envs.arguments import as_numbers
 from benchmark_envs.exceptions import (
     InvalidContextError,
     InvalidTrajectoryError,
@@ -224,7 +225,7 @@ class Task(ABC):
         :return: pictures of shape (height, width, 3)
         :raises RenderingUnavailableError: no off-screen renderer, or a task that cannot be drawn
         """
-        raise RenderingUnavailableError(f"{type(self).__name__} draws no pictures of its rollouts.")
+        raise self._no_pictures()
 
     def first_frame(
         self, context: ArrayLike, width: int = 480, height: int = 360
@@ -236,7 +237,14 @@ class Task(ABC):
         :param height: of the picture, in pixels
         :raises RenderingUnavailableError: no off-screen renderer, or a task that cannot be drawn
         """
-        raise RenderingUnavailableError(f"{type(self).__name__} draws no pictures of its rollouts.")
+        raise self._no_pictures()
+
+    def _no_pictures(self) -> RenderingUnavailableError:
+        return RenderingUnavailableError(
+            f"{type(self).__name__} draws no pictures of its rollouts: leave out render_mode. "
+            "Tasks that MuJoCo simulates draw, such as nmp/Bottles-v0; 'nmp-bench plot' draws the "
+            "paths of runs."
+        )
 
     def simulate(self, contexts: ArrayLike, trajectories: ArrayLike) -> Rollouts:
         """Execute a batch of trajectories, each in its context.
@@ -274,8 +282,9 @@ class Task(ABC):
         :param context: shape (C,)
         :raises InvalidContextError: wrong shape, non-finite value, or outside the context space
         """
-        checked = np.asarray(context, dtype=np.float64)
         names, space = ", ".join(self.context_names), self.context_space
+        rule = f"{space.shape[0]} numbers ({names})"
+        checked = as_numbers("the context", context, rule, InvalidContextError)
         if checked.shape != space.shape:
             raise InvalidContextError(
                 f"a context of {type(self).__name__} has shape {space.shape} ({names}), "
@@ -307,8 +316,9 @@ class Task(ABC):
         :param trajectories: shape (N, T, D) or (T, D)
         :raises InvalidTrajectoryError: wrong shape or non-finite value
         """
-        checked = np.asarray(trajectories, dtype=np.float64)
         shape = self.trajectory_space.shape
+        rule = f"numbers, of shape (T, D) = {shape} or (N, *{shape})"
+        checked = as_numbers("the trajectory", trajectories, rule, InvalidTrajectoryError)
         if checked.ndim == 2:
             checked = checked[None]
         if checked.shape[1:] != shape:

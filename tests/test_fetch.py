@@ -1,5 +1,6 @@
 """gymnasium-robotics' Fetch tasks as trajectory bandits, and their experts."""
 
+import pickle
 import sys
 from typing import Any
 
@@ -110,3 +111,23 @@ def test_a_missing_library_and_a_missing_expert_are_told(monkeypatch: pytest.Mon
     monkeypatch.setitem(sys.modules, "gymnasium_robotics", None)
     with pytest.raises(TaskError, match=r"pip install 'sb3-nmp\[robotics\]'"):
         fetch_env("FetchReach-v4")
+
+
+def test_another_type_of_reward_is_refused() -> None:
+    """The environment itself takes any for dense."""
+    with pytest.raises(TaskError, match="reward_type is 'shaped'; it must be 'dense' or 'sparse'"):
+        fetch_env("FetchReach-v4", reward_type="shaped")
+
+
+@pytest.mark.parametrize("env_id", ["FetchReach-v4", "FetchPickAndPlace-v4"])
+def test_a_pickled_environment_begins_anew_and_does_the_same(env_id: str) -> None:
+    env = fetch_env(env_id)
+    context, _ = env.reset(seed=0)
+    copy = pickle.loads(pickle.dumps(env))
+    with pytest.raises(TaskError, match="call reset"):
+        copy.step(np.zeros(SHAPES[env_id][1]) + np.zeros((50, 1)))
+    copy.reset(options={"context": context})
+    env.reset(options={"context": context})
+    trajectory = env.initial_trajectory()
+    assert np.array_equal(copy.initial_trajectory(), trajectory)
+    assert copy.step(trajectory)[1] == env.step(trajectory)[1]

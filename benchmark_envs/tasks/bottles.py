@@ -14,6 +14,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
+from benchmark_envs.arguments import check_flag
 from benchmark_envs.exceptions import TaskError
 from benchmark_envs.executor import SensorLog
 from benchmark_envs.motion import interpolate, resample
@@ -76,7 +77,7 @@ class BottlesTask(MujocoTask):
     frame_every: ClassVar[float] = 4
 
     def __init__(self, random_bottles: bool = False, n_threads: int | None = None) -> None:
-        self.random_bottles = random_bottles
+        self.random_bottles = check_flag("random_bottles", random_bottles)
         self.optimum = None if random_bottles else ("shortest path", OPTIMUM)
         self.context_space = spaces.Box(
             np.array([0.45, -0.25, 0.45, -0.05], np.float32),

@@ -17,6 +17,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike
 
+from benchmark_envs.arguments import check_flag
 from benchmark_envs.cache import ContextCache
 from benchmark_envs.exceptions import InvalidContextError
 from benchmark_envs.executor import SensorLog
@@ -138,7 +139,7 @@ class PickAndPlaceTask(MujocoTask):
     extrapolation_contexts: ClassVar[FloatArray] = EXTRAPOLATION_CONTEXTS
 
     def __init__(self, field: bool = False, n_threads: int | None = None) -> None:
-        self.field = self.tells_achievement = field
+        self.field = self.tells_achievement = check_flag("field", field)
         low, high = LOWEST, HIGHEST
         if field:
             self.context_names = FIELD_NAMES

@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
+from benchmark_envs.arguments import as_numbers
 from benchmark_envs.exceptions import InvalidContextError, TaskError
 
 Array = NDArray[Any]
@@ -54,8 +55,9 @@ class ContextSource:
         :param context: shape (C,)
         :raises InvalidContextError: wrong shape, non-finite value, or outside the context space
         """
-        checked = np.asarray(context, np.float64)
         space = self.space
+        rule = f"{space.shape[0]} numbers"
+        checked = as_numbers("the context", context, rule, InvalidContextError)
         if checked.shape != space.shape:
             raise InvalidContextError(
                 f"the context has shape {checked.shape}; the context space has {space.shape}."

@@ -65,9 +65,11 @@ def fetch_env(env_id: str, reward_type: str = "dense", **settings: Any) -> Traje
     :param env_id: such as ``"FetchReach-v4"``; also FetchPush, FetchSlide and FetchPickAndPlace
     :param reward_type: ``"dense"`` or ``"sparse"``
     :param settings: further arguments of ``gym.make``, such as ``render_mode``
-    :raises TaskError: another environment, or gymnasium-robotics is not installed
+    :raises TaskError: another environment or type of reward, or gymnasium-robotics is not installed
     """
     task = _fetch_task(env_id)
+    if reward_type not in ("dense", "sparse"):  # the environment would take any as dense
+        raise TaskError(f"reward_type is {reward_type!r}; it must be 'dense' or 'sparse'.")
     env = gym.make(env_id, reward_type=reward_type, **settings)
     source = _source(env.unwrapped, task)
     start = np.array(env.get_wrapper_attr("initial_gripper_xpos"), np.float64)
@@ -84,7 +86,7 @@ def fetch_env(env_id: str, reward_type: str = "dense", **settings: Any) -> Traje
         low=low,
         high=high,
         returns="last",
-        initial=gripper if not task.grips else lambda seen: np.append(gripper(seen), 0.0),
+        initial=gripper_and_fingers if task.grips else gripper,
         exploration_scale=scale,
     )
 
@@ -95,6 +97,14 @@ def gripper(observation: dict[str, Array]) -> Array:
     :param observation: of a Fetch task
     """
     return observation["observation"][:3]
+
+
+def gripper_and_fingers(observation: dict[str, Array]) -> Array:
+    """Return where the gripper is, x, y and z in m, and that its fingers are half open.
+
+    :param observation: of a Fetch task
+    """
+    return np.append(gripper(observation), 0.0)
 
 
 class FetchExpert:
@@ -182,9 +192,11 @@ def _fetch_task(env_id: str) -> FetchTask:
 
     :raises TaskError: another environment, or gymnasium-robotics is not installed
     """
-    name = env_id.split("-v")[0].removesuffix("Dense")
+    name = str(env_id).split("-v")[0].removesuffix("Dense")
     if name not in TASKS:
-        raise TaskError(f"'{env_id}' is no Fetch task; there are {', '.join(TASKS)}, as in '-v4'.")
+        raise TaskError(
+            f"'{env_id}' is no Fetch task; there are {', '.join(TASKS)}, such as 'FetchReach-v4'."
+        )
     try:
         import gymnasium_robotics
     except ImportError as error:
@@ -210,16 +222,36 @@ def _source(base: Any, task: FetchTask) -> ContextSource:  # noqa: ANN401
     if task.has_object:
         low = np.concatenate([low, start[:2] - base.obj_range])
         high = np.concatenate([high, start[:2] + base.obj_range])
-
-    def read(observation: dict[str, Array]) -> Array:
-        where = observation["achieved_goal"][:2] if task.has_object else np.zeros(0)
-        return np.concatenate([observation["desired_goal"][indices], where])
-
-    def achieved(context: Array, observation: dict[str, Array]) -> Array:
-        return np.concatenate([observation["achieved_goal"][indices], context[len(indices) :]])
-
     space = spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
-    return ContextSource(read, space, _Place(task), achieved)
+    told = _Told(task)
+    return ContextSource(told.read, space, _Place(task), told.achieved)
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What observations of a Fetch task tell; methods, unlike local functions, can be pickled.
+
+    :param task: what its bandit looks like
+    """
+
+    task: FetchTask
+
+    def read(self, observation: dict[str, Array]) -> Array:
+        """Return the context, shape (C,).
+
+        :param observation: the first one
+        """
+        where = observation["achieved_goal"][:2] if self.task.has_object else np.zeros(0)
+        return np.concatenate([observation["desired_goal"][list(self.task.goal)], where])
+
+    def achieved(self, context: Array, observation: dict[str, Array]) -> Array:
+        """Return the context in which the rollout would have been right, shape (C,).
+
+        :param context: in which it began, shape (C,)
+        :param observation: the last one
+        """
+        indices = list(self.task.goal)
+        return np.concatenate([observation["achieved_goal"][indices], context[len(indices) :]])
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,13 @@ from typing import Any, Literal, cast
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
+from benchmark_envs.arguments import as_numbers
 from benchmark_envs.exceptions import InvalidContextError, InvalidTrajectoryError, TaskError
 from benchmark_envs.rollouts import FloatArray
+from benchmark_envs.wrappers import trajectory_arguments
 from benchmark_envs.wrappers.context_source import ContextSource, first_observation
 from benchmark_envs.wrappers.controllers import (
     ActionController,
@@ -80,7 +83,8 @@ class TrajectoryActionWrapper(gym.Env[Array, Array]):
         initial: ArrayLike | Callable[[Any], ArrayLike] | None = None,
         exploration_scale: ArrayLike | None = None,
     ) -> None:
-        self.env, self.metadata, self.render_mode = env, env.metadata, env.render_mode
+        self.env = trajectory_arguments.check_env(env)
+        self.metadata, self.render_mode = env.metadata, env.render_mode
         self._actions = check_action_space(env.action_space)
         self.source = first_observation(env) if context is None else context
         self.controller = as_controller(controller)
@@ -88,9 +92,13 @@ class TrajectoryActionWrapper(gym.Env[Array, Array]):
             raise TaskError(f"returns is {returns!r}; it must be 'sum' or 'last'.")
         self.returns, self.success_reward = returns, success_reward
         self.observation_space = self.source.space
-        self.action_space = self._trajectory_space(_length(env, n_time_points), low, high)
+        self.action_space = self._trajectory_space(
+            trajectory_arguments.length(env, n_time_points), low, high
+        )
         self._initial = initial
-        self.exploration_scale = self._scale(exploration_scale)
+        if initial is not None and not callable(initial):
+            self._initial = trajectory_arguments.rest(initial, self._space)
+        self.exploration_scale = trajectory_arguments.scale(exploration_scale, self._space)
         self.context: Array | None = None
         self._first: Any = None  # observation of the episode that has not been stepped yet
         self._seeds: dict[bytes, int] = {}
@@ -120,9 +128,7 @@ class TrajectoryActionWrapper(gym.Env[Array, Array]):
             rest = rest(self._first)
         if rest is None:
             return (space.low.astype(np.float64) + space.high) / 2
-        point = np.asarray(rest, np.float64)
-        if point.shape != space.shape[1:]:
-            raise TaskError(f"initial has shape {point.shape}; a set-point has {space.shape[1:]}.")
+        point = trajectory_arguments.rest(rest, space)
         return np.repeat(point[None], space.shape[0], axis=0)
 
     # -- episodes --------------------------------------------------------------------------------
@@ -260,6 +266,14 @@ class TrajectoryActionWrapper(gym.Env[Array, Array]):
         """
         return self.env.render()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what another process or a copy needs.
+
+        Where EzPickle makes the step-based environment anew, the episode is not in the copy.
+        """
+        anew = isinstance(self.env.unwrapped, EzPickle)
+        return self.__dict__ | ({"context": None, "_first": None} if anew else {})
+
     def close(self) -> None:
         """Close the step-based environment."""
         self.env.close()
@@ -280,57 +294,19 @@ class TrajectoryActionWrapper(gym.Env[Array, Array]):
                 "low and high are missing: a controller's set-points are no actions, so say "
                 "between which bounds, of shape (D,), they lie."
             )
-        lows, highs = np.atleast_1d(low).astype(float), np.atleast_1d(high).astype(float)
-        fits = lows.ndim == 1 and lows.shape == highs.shape and np.isfinite([lows, highs]).all()
-        if not (fits and (lows < highs).all()):
-            raise TaskError(
-                f"low is {lows.tolist()}, high {highs.tolist()}; they must be finite, of one shape "
-                "(D,), and low < high."
-            )
         lows, highs = (
             np.repeat(each[None], n_time_points, axis=0).astype(np.float32)
-            for each in (lows, highs)
+            for each in trajectory_arguments.bounds(low, high)
         )
         return spaces.Box(lows, highs, dtype=np.float32)
 
-    def _scale(self, given: ArrayLike | None) -> FloatArray:
-        space = self._space
-        if given is None:
-            given = (space.high.astype(np.float64) - space.low)[0] / 10
-        scale = np.asarray(given, np.float64)
-        if scale.shape not in ((), space.shape[1:]) or not ((scale > 0) & (scale < np.inf)).all():
-            raise TaskError(
-                f"exploration_scale is {given}; it must be one finite number > 0, or "
-                f"{space.shape[1]}: one for each dimension of a set-point."
-            )
-        return np.array(np.broadcast_to(scale, space.shape[1:]))
-
     def _check_trajectory(self, trajectory: ArrayLike) -> FloatArray:
         space = self._space
-        checked = np.asarray(trajectory, np.float64)
+        rule = f"finite numbers, of shape (T, D) = {space.shape}"
+        checked = as_numbers("the trajectory", trajectory, rule, InvalidTrajectoryError)
         if checked.shape != space.shape or not np.isfinite(checked).all():
             raise InvalidTrajectoryError(
                 f"the trajectory has shape {checked.shape} or holds a value that is not finite; it "
                 f"must be of shape (T, D) = {space.shape}, all finite numbers."
             )
         return np.clip(checked, space.low, space.high)
-
-
-def _length(env: gym.Env[Any, Any], n_time_points: int | None) -> int:
-    """Return T.
-
-    :raises TaskError: it is not known, or longer than an episode
-    """
-    longest = None if env.spec is None else env.spec.max_episode_steps
-    chosen = longest if n_time_points is None else n_time_points
-    if chosen is None or chosen < 2:
-        raise TaskError(
-            f"n_time_points is {n_time_points} and the environment's max_episode_steps {longest}; "
-            "give n_time_points >= 2."
-        )
-    if longest is not None and chosen > longest:
-        raise TaskError(
-            f"n_time_points is {chosen}, but the environment ends after {longest} steps; give at "
-            f"most these, or gym.make(..., max_episode_steps={chosen})."
-        )
-    return chosen
