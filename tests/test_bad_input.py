@@ -1,5 +1,6 @@
-"""Bad input of some seventy kinds: each message names the value, the rule, and a way out."""
+"""Bad input of some hundred kinds: each message names the value, the rule, and a way out."""
 
+import io
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,15 @@ from gymnasium import spaces
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from baselines import CMAES, DREPS, GA, REPS, StarkProMPRL
-from benchmark_envs import TrajectoryEnv, TrajectoryVecEnv, make_task
-from sb3_nmp import ACNMP, RCNMP, Demonstrations, SmoothNoise
+from benchmark_envs import (
+    TrajectoryActionWrapper,
+    TrajectoryEnv,
+    TrajectoryVecEnv,
+    fetch_env,
+    leave_one_out,
+    make_task,
+)
+from sb3_nmp import ACNMP, RCNMP, CNMPPretraining, Demonstrations, SmoothNoise
 from sb3_nmp.common.buffer import TrajectoryBuffer
 from tests.registry import DEMONSTRATIONS, ENV_ID
 from tests.test_environment_faces import Plain
@@ -75,6 +83,15 @@ def buffer() -> TrajectoryBuffer:
 
 def task_env(**settings: Any) -> TrajectoryEnv:
     return TrajectoryEnv(ENV_ID, n_threads=1, **settings)
+
+
+def wrapped(**arguments: Any) -> TrajectoryActionWrapper:
+    """A pendulum as a trajectory bandit."""
+    return TrajectoryActionWrapper(gym.make("Pendulum-v1"), **arguments)
+
+
+def from_csv(folder: Path, text: str) -> Demonstrations:
+    return Demonstrations.from_csv(written(folder, "x.csv", text.encode()))
 
 
 SHOWN = Demonstrations(np.zeros((2, 1)), np.zeros((2, 5, 2)))
@@ -191,6 +208,45 @@ BAD: dict[str, tuple[Call, tuple[str, ...]]] = {
     "shaped without demonstrations": (
         lambda _: made(CMAES, shaped=0.5), ("shaped is 0.5", "Give demonstrations=, or 0"),
     ),
+    "no environment": (
+        lambda _: REPS("MlpPolicy", None),  # type: ignore[arg-type]
+        ("env is None", "an environment of Gymnasium", "'nmp/Bottles-v0'"),
+    ),
+    "a number as environment": (lambda _: made(env=5), ("env is 5", "not its class or a list")),
+    "environments in a list": (lambda _: made(env=[Plain()]), ("env is [", "a VecEnv of SB3")),
+    "an environment's class": (lambda _: made(env=Plain), ("env is <class", "not its class")),
+    "a device that is none": (
+        lambda _: made(device="foo"), ("device is 'foo'", "'cpu'", "'auto'"),
+    ),
+    "three thresholds": (
+        lambda _: made(ACNMP, demonstrations=SHOWN, reward_threshold=(1, 2, 3)),
+        ("reward_threshold is (1, 2, 3)", "a number or a tuple of 2 numbers or None"),
+    ),
+    "policy_kwargs as a list": (
+        lambda _: made(policy_kwargs=[1]), ("policy_kwargs is [1]", "a dictionary or None"),
+    ),
+    "policy_kwargs as a text": (
+        lambda _: made(policy_kwargs="big"), ("policy_kwargs is 'big'", "a dictionary or None"),
+    ),
+    "a latent below 1": (
+        lambda _: made(RCNMP, policy_kwargs={"latent_dim": -4}), ("latent_dim is -4", ">= 1"),
+    ),
+    "a layer of no width": (
+        lambda _: made(RCNMP, policy_kwargs={"encoder_arch": (64, 0)}),
+        ("encoder_arch is [64, 0]", "width >= 1"),
+    ),
+    "steps as a text": (
+        lambda _: CNMPPretraining(n_steps="many"),  # type: ignore[arg-type]
+        ("n_steps is 'many'", "a whole number >= 0"),
+    ),
+    "noise as a text": (
+        lambda _: SmoothNoise(sigma="x"),  # type: ignore[arg-type]
+        ("sigma is 'x'", "finite and >= 0"),
+    ),
+    "noise with bases as a text": (
+        lambda _: SmoothNoise(n_bases="x"),  # type: ignore[arg-type]
+        ("n_bases is 'x'", "a whole number"),
+    ),
     "noise without bases": (lambda _: SmoothNoise(n_bases=0), ("n_bases", "0")),
     # demonstrations
     "no demonstrations": (
@@ -220,6 +276,33 @@ BAD: dict[str, tuple[Call, tuple[str, ...]]] = {
         lambda folder: Demonstrations.load(written(folder, "x.csv", b"0,1\n2,3\n")),
         ("x.csv does not hold", "no .npz file", "from_csv"),
     ),
+    "numbers as demonstrations": (lambda _: shown(3, 4), ("have shape ()", "they need (N, T, D)")),
+    "half a demonstration": (
+        lambda _: Demonstrations.from_task(ENV_ID, 2.5),
+        ("contexts is 2.5", "a whole number", "(N, C)"),
+    ),
+    "time by another name": (
+        lambda folder: from_csv(folder, "Time [s],context_x,q\n0,1,2\n"),
+        ("x.csv has the column 'Time [s]'", "a column 'time'", "rename it"),
+    ),
+    "time as t": (
+        lambda folder: from_csv(folder, "t,context_x,q\n0,1,2\n"), ("'t'", "a column 'time'"),
+    ),
+    "semicolons in a CSV": (
+        lambda folder: from_csv(folder, "time;context_x;q\n0;1;2\n"),
+        ("separated by ';'", "separated by commas"),
+    ),
+    "no CSV": (
+        lambda folder: Demonstrations.from_csv(folder / "none.csv"),
+        ("none.csv cannot be read", "No such file", "give the path"),
+    ),
+    "a folder as CSV": (
+        lambda folder: Demonstrations.from_csv(folder), ("cannot be read", "give the path"),
+    ),
+    "an open CSV": (
+        lambda _: Demonstrations.from_csv(io.StringIO("time,q\n")),  # type: ignore[arg-type]
+        ("path is a StringIO", "the path of a file"),
+    ),
     "an .npz of other arrays": (
         lambda folder: Demonstrations.load(arrays(folder, a=np.zeros(3))),
         ("contexts and trajectories", "arrays.npz"),
@@ -232,6 +315,13 @@ BAD: dict[str, tuple[Call, tuple[str, ...]]] = {
     "a budget of 2.5": (lambda _: made().learn(2.5), ("is 2.5", "a whole number of rollouts")),
     "a budget as text": (lambda _: made().learn("10"), ("is '10'", "a whole number of rollouts")),
     "no budget": (lambda _: made().learn(0), ("total_timesteps is 0", "give at least that")),
+    "learning without an environment": (
+        lambda folder: GA.load(saved(folder, GA)).learn(20),
+        ("loaded without an environment", "GA.load(path, env=env)", "set_env"),
+    ),
+    "a seed below 0 on loading": (
+        lambda folder: GA.load(saved(folder, GA), seed=-3), ("seed is -3", "or None"),
+    ),
     "a context and an info": (
         lambda _: made().predict((np.zeros(1), {})), ("a tuple", "probably mixing Gym API"),
     ),
@@ -264,6 +354,45 @@ BAD: dict[str, tuple[Call, tuple[str, ...]]] = {
     ),
     # tasks and environments
     "an unknown task": (lambda _: make_task("nmp/Pusch-v0"), ("'nmp/Pusch-v0'", "Did you mean")),
+    "a number for a task": (
+        lambda _: make_task(3), ("no task '3'", "nmp/Push-v0"),  # type: ignore[arg-type]
+    ),
+    "a text for a target": (
+        lambda _: leave_one_out("nmp/Push-v0", "a"),  # type: ignore[arg-type]
+        ("no target a", "numbered 0 to 9"),
+    ),
+    "a text for a switch": (
+        lambda _: task_env(random_bottles="yes"), ("random_bottles is 'yes'", "True or False"),
+    ),
+    "a text for the field": (
+        lambda _: make_task("nmp/PickAndPlace-v1", field="yes"), ("field is 'yes'", "True or"),
+    ),
+    "a text for a context": (
+        lambda _: task_env().reset(options={"context": "a"}), ("context is 'a'", "4 numbers"),
+    ),
+    "a number for a Fetch task": (
+        lambda _: fetch_env(5), ("'5' is no Fetch task", "FetchReach-v4"),  # type: ignore[arg-type]
+    ),
+    "half a time point": (
+        lambda _: wrapped(n_time_points=10.5), ("n_time_points is 10.5", ">= 2, a whole number"),
+    ),
+    "time points as a text": (
+        lambda _: wrapped(n_time_points="10"), ("n_time_points is '10'", "a whole number"),
+    ),
+    "a rest at nan": (lambda _: wrapped(initial=[NAN]), ("initial is [nan]", "1 finite numbers")),
+    "a text for a scale": (
+        lambda _: wrapped(exploration_scale="big"), ("exploration_scale is 'big'", "number > 0"),
+    ),
+    "a text for a bound": (
+        lambda _: wrapped(low="a", high=1.0), ("low is 'a'", "finite numbers, shape (D,)"),
+    ),
+    "an id to wrap": (
+        lambda _: TrajectoryActionWrapper("Pendulum-v1"),  # type: ignore[arg-type]
+        ("env is 'Pendulum-v1'", "gym.make(id)"),
+    ),
+    "a text for a context to wrap": (
+        lambda _: wrapped().reset(options={"context": "a"}), ("context is 'a'", "3 numbers"),
+    ),
     "an unknown setting": (lambda _: task_env(bottles=3), ("'bottles'", "random_bottles")),
     "a render mode that is none": (lambda _: task_env(render_mode="human"), ("human", "rgb_array")),
     "a context of another shape": (

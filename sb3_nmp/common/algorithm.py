@@ -18,7 +18,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_nmp.common import environment, stream
 from sb3_nmp.common.argument_types import check_types
-from sb3_nmp.common.arguments import SB3Arguments, check_names, check_policy, check_seed, complete
+from sb3_nmp.common.arguments import SB3Arguments, check_names, check_values, complete
 from sb3_nmp.common.demonstrations import Demonstrations, check_type
 from sb3_nmp.common.environment import Scale
 from sb3_nmp.common.exceptions import ConfigurationError
@@ -90,9 +90,8 @@ class TrajectoryAlgorithm(ResumableAlgorithm):
         _init_setup_model: bool = True,
         **shared: Unpack[SB3Arguments],
     ) -> None:
-        check_policy(type(self), policy)
-        check_seed(shared.get("seed"))
-        environment.check_env_id(env)
+        check_values(type(self), policy, shared.get("seed"), device)
+        environment.check_env(env, needed=_init_setup_model)
         env = cast(GymEnv, maybe_make_env(env, shared.get("verbose", 0)))
         if env is not None:  # SB3 would fail an assertion
             environment.check_spaces(env.action_space, env.observation_space, type(self).__name__)
@@ -239,7 +238,7 @@ class TrajectoryAlgorithm(ResumableAlgorithm):
         :param progress_bar: show one (needs tqdm and rich)
         :raises ConfigurationError: the budget does not allow a single step of the environments
         """
-        env = cast(VecEnv, self.env)
+        env = environment.to_learn_in(self.env, type(self).__name__)
         total_timesteps, callback = self._setup_learn(
             environment.check_budget(total_timesteps, env.num_envs),
             callback,

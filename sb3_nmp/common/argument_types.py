@@ -11,7 +11,7 @@ import numpy as np
 from sb3_nmp.common.exceptions import ConfigurationError
 
 #: of arguments that have checks and messages of their own
-CHECKED_ELSEWHERE = ("policy", "env", "demonstrations", "device", "policy_kwargs")
+CHECKED_ELSEWHERE = ("policy", "env", "demonstrations", "device")
 
 
 def check_types(cls: type, given: Mapping[str, Any]) -> None:
@@ -51,9 +51,12 @@ def fits(value: object, declared: Any) -> bool:  # noqa: ANN401
     if origin is Literal:
         return value in arguments if isinstance(value, str) else False
     if origin is tuple:
-        return isinstance(value, tuple | list | np.ndarray) and all(
-            fits(each, arguments[0]) for each in value
+        fixed = None if arguments[-1] is Ellipsis else len(arguments)
+        return isinstance(value, tuple | list | np.ndarray) and (
+            fixed in (None, len(value)) and all(fits(each, arguments[0]) for each in value)
         )
+    if origin is dict:
+        return isinstance(value, Mapping)
     if declared is None or declared is type(None):
         return value is None
     if declared in (int, float):
@@ -81,6 +84,8 @@ def in_words(declared: Any) -> str:  # noqa: ANN401
     if origin is tuple:
         number = "" if arguments[-1] is Ellipsis else f"{len(arguments)} "
         return f"a tuple of {number}numbers"
+    if origin is dict:
+        return "a dictionary"
     if declared is None or declared is type(None):
         return "None"
     known = {int: "a whole number", float: "a number", bool: "True or False", str: "a text"}

@@ -13,6 +13,7 @@ from typing import Any, TypedDict, get_args
 
 import torch as th
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.utils import get_device
 
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import ConfigurationError, UnknownArgumentError
@@ -86,6 +87,27 @@ def check_names(cls: type, given: dict[str, Any]) -> None:
             + (f"; did you mean '{near[0]}'?" if near else ".")
             + f" It has {', '.join(name for name in parameters if name[0] != '_')}."
         )
+
+
+def check_values(
+    cls: type[BaseAlgorithm], policy: object, seed: int | None, device: th.device | str
+) -> None:
+    """Raise for values that SB3 or PyTorch would refuse in words of their own.
+
+    :param cls: the algorithm
+    :param policy: an alias or a class
+    :param seed: any, or None
+    :param device: of the policy
+    :raises ConfigurationError: one does not fit
+    """
+    check_policy(cls, policy)
+    check_seed(seed)
+    try:
+        get_device(device)
+    except (RuntimeError, TypeError, AttributeError) as error:
+        raise ConfigurationError(
+            f"device is {device!r}; it must be 'cpu', 'cuda', 'cuda:0' or the like, or 'auto'."
+        ) from error
 
 
 def check_policy(cls: type[BaseAlgorithm], policy: object) -> None:

@@ -7,13 +7,15 @@
     2,0.00,0.25,0.40,0.000,0.000
 
 ``demonstration`` names the demonstration, by a number or a word; where the column is missing, the
-file holds one. ``time`` is in any unit, and may be missing where points have equal distances.
+file holds one. ``time`` is in any unit, and may be missing where points have equal distances; by
+another name, such as ``t``, it is refused, since it would count as a dimension.
 Columns that begin with ``context`` are the task parameters, constant within a demonstration. All
 others are the trajectory's dimensions, in their order.
 """
 
 import csv
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from os import PathLike
@@ -27,6 +29,13 @@ from sb3_nmp.common.files import writing
 from sb3_nmp.common.resampling import of_one_length
 
 NUMBER, TIME, CONTEXT = "demonstration", "time", "context"
+OTHER_DELIMITERS = (";", "\t", "|")
+#: names of columns that can mean nothing but time, with a unit or without
+MEANS_TIME = re.compile(
+    r"(t|times?|(time_?)?stamps?|time_?steps?|secs?|seconds?|msecs?|milliseconds?)"
+    r"([ _]*[\[(]?(s|ms|secs?|seconds?)[\])]?)?",
+    re.IGNORECASE,
+)
 FloatArray = NDArray[np.float64]
 
 
@@ -51,19 +60,7 @@ def read_csv(
         demonstration, times that do not increase; the message names row and column
     :raises InvalidDataError: different lengths, and no ``n_steps``; or no contexts
     """
-    with Path(path).open(newline="", encoding="utf-8-sig") as file:
-        try:
-            rows = csv.reader(file, strict=True)
-            header = [name.strip() for name in next(rows, [])]
-            columns = _Columns(str(path), header)
-            recorded: dict[str, _Recorded] = {}
-            for row in rows:
-                if any(cell.strip() for cell in row):
-                    columns.take(row, rows.line_num, recorded)
-        except (csv.Error, UnicodeDecodeError) as error:
-            raise FileFormatError(f"{path} is no comma-separated text: {error}") from error
-    if not recorded:
-        raise FileFormatError(f"{path} has no rows of numbers below its header.")
+    columns, recorded = _read_rows(path)
     shown = list(recorded.values())
     if contexts is None and not columns.contexts:
         raise InvalidDataError(
@@ -74,6 +71,51 @@ def read_csv(
     times = [np.array(each.times) for each in shown] if columns.time is not None else None
     points = [np.array(each.points) for each in shown]
     return np.asarray(told, np.float64), of_one_length(points, times, n_steps, str(path))
+
+
+def _read_rows(path: str | PathLike[str]) -> tuple["_Columns", dict[str, _Recorded]]:
+    """Return what the columns of a file mean, and its rows by demonstration."""
+    if not isinstance(path, str | PathLike):
+        raise FileFormatError(
+            f"path is a {type(path).__name__}; it must be the path of a file, with a row for each "
+            "time point."
+        )
+    recorded: dict[str, _Recorded] = {}
+    try:
+        with Path(path).open(newline="", encoding="utf-8-sig") as file:
+            rows = csv.reader(file, strict=True)
+            header = [name.strip() for name in next(rows, [])]
+            columns = _Columns(str(path), header)
+            for row in rows:
+                if any(cell.strip() for cell in row):
+                    columns.take(row, rows.line_num, recorded)
+    except OSError as error:
+        raise FileFormatError(
+            f"{path} cannot be read ({error.strerror}); give the path of a file of comma-separated "
+            "values."
+        ) from error
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise FileFormatError(f"{path} is no comma-separated text: {error}") from error
+    if not recorded:
+        raise FileFormatError(f"{path} has no rows of numbers below its header.")
+    return columns, recorded
+
+
+def _check_header(path: str, header: list[str]) -> None:
+    """Raise for another delimiter, and for a time that would count as a dimension."""
+    found = [each for each in OTHER_DELIMITERS if len(header) == 1 and each in header[0]]
+    if found:
+        raise FileFormatError(
+            f"{path} has the header '{header[0]}', whose names are separated by {found[0]!r}; "
+            "names and values must be separated by commas: write the file with that delimiter."
+        )
+    times = [name for name in header if MEANS_TIME.fullmatch(name)]
+    if times and TIME not in header:
+        raise FileFormatError(
+            f"{path} has the column '{times[0]}', which would be a dimension of the trajectory; "
+            f"times stand in a column '{TIME}': rename it, or leave it out where points have equal "
+            "distances."
+        )
 
 
 class _Columns:
@@ -90,6 +132,7 @@ class _Columns:
                 f"{path}: the header names {repeated or 'a column without a name'}; each column "
                 "needs a name of its own."
             )
+        _check_header(path, header)
         self.path, self.header = path, header
         self.number = header.index(NUMBER) if NUMBER in header else None
         self.time = header.index(TIME) if TIME in header else None

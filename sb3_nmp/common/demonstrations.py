@@ -4,9 +4,10 @@ import hashlib
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol, cast, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import gymnasium as gym
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from sb3_nmp.common.csv_files import read_csv
 from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
 from sb3_nmp.common.files import AnyPath, read_arrays, writing
+from sb3_nmp.common.finite_arrays import finite_array
 from sb3_nmp.common.lerobot_files import read_lerobot
 from sb3_nmp.common.minari_files import read_minari, write_minari
 from sb3_nmp.common.resampling import resample
@@ -58,8 +60,8 @@ class Demonstrations:
 
     def __post_init__(self) -> None:
         """Check the values and freeze copies of them."""
-        trajectories = _array("trajectories", self.trajectories, "(N, T, D)", 3)
-        contexts = _array("contexts", self.contexts, "(N, C)", 2)
+        trajectories = finite_array("trajectories", self.trajectories, "(N, T, D)", 3)
+        contexts = finite_array("contexts", self.contexts, "(N, C)", 2)
         if len(trajectories) == 0:
             raise InvalidDataError("the set of demonstrations is empty; at least one is needed.")
         if len(contexts) != len(trajectories):
@@ -184,9 +186,13 @@ class Demonstrations:
                 f"{type(source).__name__} has no expert: it needs the methods demonstrate(context) "
                 "and sample_context(rng). Give Demonstrations(contexts, trajectories) your own."
             )
-        if isinstance(contexts, int):
+        if isinstance(contexts, Integral):
             rng = np.random.default_rng(seed)
-            chosen = [source.sample_context(rng) for _ in range(contexts)]
+            chosen = [source.sample_context(rng) for _ in range(int(contexts))]
+        elif np.ndim(contexts) == 0:
+            raise InvalidDataError(
+                f"contexts is {contexts!r}; give how many, a whole number, or an array (N, C)."
+            )
         else:
             chosen = list(np.asarray(contexts, np.float64))
         if not chosen:
@@ -316,33 +322,3 @@ def check_type(demonstrations: Demonstrations | None) -> Demonstrations | None:
             "Demonstrations(contexts, trajectories) makes them from arrays."
         )
     return demonstrations
-
-
-def _array(name: str, values: ArrayLike, shape: str, n_dimensions: int) -> FloatArray:
-    """Return a read-only float64 copy.
-
-    :raises InvalidDataError: rows of mixed shapes, a wrong number of dimensions, or a value that
-        is not finite
-    """
-    if not isinstance(values, np.ndarray):
-        shapes = sorted({np.shape(row) for row in cast(Sequence[ArrayLike], values)})
-        if len(shapes) > 1:
-            raise InvalidDataError(
-                f"the {name} have mixed shapes ({', '.join(map(str, shapes))}): all must have the "
-                "same number of time points and dimensions; sb3_nmp.resample brings them to one."
-            )
-    try:
-        array = np.array(values, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidDataError(f"the {name} are not an array of numbers: {error}") from error
-    if array.ndim != n_dimensions and array.size:
-        raise InvalidDataError(f"the {name} have shape {array.shape}; they need {shape}.")
-    if array.ndim != n_dimensions:
-        raise InvalidDataError(f"the {name} are empty; at least one demonstration is needed.")
-    if not np.isfinite(array).all():
-        index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise InvalidDataError(
-            f"the {name} hold {array[index]} at index {index}; every value must be finite."
-        )
-    array.setflags(write=False)
-    return array

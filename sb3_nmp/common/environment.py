@@ -35,6 +35,36 @@ def check_env_id(env: object) -> None:
     )
 
 
+def check_env(env: object, needed: bool) -> None:
+    """Raise for what is no environment.
+
+    :param env: an environment, an id, or None
+    :param needed: whether None is refused; a model that is loaded gets its environment later
+    :raises ConfigurationError: it is none, or the id is not registered
+    """
+    check_env_id(env)
+    if not isinstance(env, str | gym.Env | VecEnv) and (env is not None or needed):
+        raise ConfigurationError(
+            f"env is {env!r}; it must be an environment of Gymnasium or a VecEnv of SB3, not its "
+            "class or a list, or an id such as 'nmp/Bottles-v0'."
+        )
+
+
+def to_learn_in(env: VecEnv | None, algorithm: str) -> VecEnv:
+    """Return the environment of a model.
+
+    :param env: the model's
+    :param algorithm: its name, for the message
+    :raises ConfigurationError: it has none
+    """
+    if env is None:
+        raise ConfigurationError(
+            f"this {algorithm} was loaded without an environment, which learn needs: give "
+            f"{algorithm}.load(path, env=env), or model.set_env(env) before."
+        )
+    return env
+
+
 def check_spaces(action: gym.Space, observation: gym.Space, algorithm: str) -> None:
     """Raise unless the spaces are those of a trajectory bandit.
 

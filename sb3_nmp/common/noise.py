@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sb3_nmp.common.argument_types import check_types
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.settings import settings_name
 
@@ -35,9 +36,11 @@ class SmoothNoise:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        sigma = np.asarray(self.sigma, np.float64)
+        check_types(type(self), {"n_bases": self.n_bases, "width": self.width})
+        given = np.asarray(self.sigma)
+        sigma = given if given.dtype.kind in "iuf" else np.array(np.nan)
         if np.any(sigma < 0) or not np.all(np.isfinite(sigma)):
-            raise ConfigurationError(f"sigma is {self.sigma}; it must be finite and >= 0.")
+            raise ConfigurationError(f"sigma is {self.sigma!r}; it must be finite and >= 0.")
         if self.n_bases < 2:
             raise ConfigurationError(f"n_bases is {self.n_bases}; at least 2 are needed.")
         if self.width <= 0:

@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_nmp.common import stream
 from sb3_nmp.common.argument_types import check_types
-from sb3_nmp.common.arguments import check_names
+from sb3_nmp.common.arguments import check_names, check_seed
 from sb3_nmp.common.exceptions import ConfigurationError, ResumeWarning
 from sb3_nmp.common.saving import SafeFiles
 
@@ -99,6 +99,7 @@ class ResumableAlgorithm(SafeFiles):
         given = {name: value for name, value in changes.items() if name not in of_load}
         check_names(cls, given)
         check_types(cls, given)
+        check_seed(given.get("seed"))
         changes |= {ATTRIBUTES[name]: value for name, value in given.items() if name in ATTRIBUTES}
         if "population_size" in given:
             changes["_population_given"] = True

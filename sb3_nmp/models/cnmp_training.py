@@ -6,11 +6,13 @@ O conditioning points, P target points, E members.
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 import torch as th
 from stable_baselines3.common.utils import update_learning_rate
 
+from sb3_nmp.common.argument_types import check_types
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.settings import settings_name
@@ -54,10 +56,11 @@ class CNMPPretraining:
         for name in ("n_steps", "batch_size", "n_target_points", "max_conditioning_points"):
             value = getattr(self, name)
             least = 0 if name in ("n_steps", "max_conditioning_points") else 1
-            if int(value) != value or value < least:
+            if not isinstance(value, Real) or int(value) != value or value < least:
                 raise ConfigurationError(
-                    f"{name} is {value}; it must be a whole number >= {least}."
+                    f"{name} is {value!r}; it must be a whole number >= {least}."
                 )
+        check_types(type(self), {n: getattr(self, n) for n in ("learning_rate", "weight_decay")})
         if not self.learning_rate > 0 or not self.weight_decay >= 0:
             raise ConfigurationError(
                 f"learning_rate is {self.learning_rate} and weight_decay {self.weight_decay}; they "

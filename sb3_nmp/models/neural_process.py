@@ -77,6 +77,11 @@ class NeuralProcess(nn.Module):
                 f"n_categories is {n_categories}; it must be >= 1, where 1 leaves the Gaussian "
                 "latent alone."
             )
+        if latent_dim < 1:
+            raise ConfigurationError(f"latent_dim is {latent_dim}; it must be >= 1.")
+        for name, arch in (("encoder_arch", encoder_arch), ("decoder_arch", decoder_arch)):
+            if any(width < 1 for width in arch):
+                raise ConfigurationError(f"{name} is {arch}; each layer must have a width >= 1.")
         self.latent_dim, self.decoder_std = latent_dim, decoder_std
         self.n_categories = n_categories
         #: length of a code: one category needs no one-hot vector
