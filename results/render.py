@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark_envs import Task, make_task
-from results.exceptions import BenchmarkError
+from results.exceptions import BenchmarkError, RecordError
 from results.harness.record_files import read_record
+from results.harness.records import RunRecord
 from results.outside import find_algorithm
 from results.rollout_sheet import save_sheet
 from sb3_nmp import FileFormatError, TrajectoryAlgorithm
@@ -111,7 +112,9 @@ def chosen_rollout(request: RenderRequest) -> tuple[Task, np.ndarray, np.ndarray
     )
     if request.model is None:
         return task, context, _float32(task.demonstrate(context, request.expert))
-    action, _ = load_model(request).predict(_float32(context), deterministic=True)
+    model = load_model(request)
+    _check_spaces(model, task, request)
+    action, _ = model.predict(_float32(context), deterministic=True)
     return task, context, action
 
 
@@ -142,7 +145,7 @@ def rollout_of_run(path: Path, request: RenderRequest) -> tuple[Task, np.ndarray
     :raises BenchmarkError: a failed run, one of another task, one over many contexts, or a context
         besides the run's own
     """
-    record = read_record(path)
+    record = _record(path)
     asked = record.specification
     if not record.finished or asked.task != request.task:
         raise BenchmarkError(
@@ -161,6 +164,35 @@ def rollout_of_run(path: Path, request: RenderRequest) -> tuple[Task, np.ndarray
         )
     task = make_task(asked.task, **asked.task_settings)
     return task, np.array(context.values), _float32(rollout.trajectory)
+
+
+def _record(path: Path) -> RunRecord:
+    """Return a run that was named; to remove its file, as in a folder of runs, is no advice here.
+
+    :raises BenchmarkError: there is none
+    """
+    if not path.is_file():
+        raise BenchmarkError(f"there is no file '{path}'; name a run's file (--run).")
+    try:
+        return read_record(path)
+    except RecordError as error:
+        if error.__cause__ is None:  # a run of another format, of which the message tells
+            raise
+        raise BenchmarkError(
+            f"'{path}' is no record of a run ({error.__cause__}): --run takes a JSON file that "
+            "'nmp-bench run' wrote, and --model a .zip of model.save()."
+        ) from error
+
+
+def _check_spaces(model: TrajectoryAlgorithm, task: Task, request: RenderRequest) -> None:
+    """Raise unless a model answers a task's contexts with its trajectories."""
+    has = (model.observation_space.shape, model.action_space.shape)
+    needed = (task.context_space.shape, task.trajectory_space.shape)
+    if has != needed:
+        raise BenchmarkError(
+            f"'{request.model}' was trained on contexts of shape {has[0]} and trajectories of "
+            f"{has[1]}, and {request.task} has {needed[0]} and {needed[1]}: name the model's task."
+        )
 
 
 def write_film(frames: Frames, out: Path, per_second: float, speed: float = 1.0) -> None:

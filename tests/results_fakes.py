@@ -6,7 +6,7 @@ import signal
 import weakref
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar, Self, cast
 
 import gymnasium as gym
 import numpy as np
@@ -100,6 +100,13 @@ class Broken(HillClimber):
         if self.seed is not None and self.seed % 2 == 0:
             raise RuntimeError("the matrix is singular")
         super()._end_generation(generation)
+
+
+class Spendthrift(HillClimber):
+    """Takes a whole generation more than it was given, as SB3's on-policy algorithms do."""
+
+    def learn(self, total_timesteps: int, *args: Any, **kwargs: Any) -> Self:
+        return super().learn(total_timesteps + self.population_size, *args, **kwargs)
 
 
 class Dying(HillClimber):

@@ -106,6 +106,11 @@ BAD: dict[str, tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]] = {
         ("[-3.0, -1.0]", "several contexts", "context=c"),
     ),
     "a budget too small": ({}, {"budget": 5}, ("first evaluation after 10", "budget of 5")),
+    "shares of successes": (
+        {"successes": np.full((3, 2), 0.5)}, {}, ("successes of [0.5]", "must be 0 or 1"),
+    ),
+    "a label of nothing": ({}, {"label": ""}, ("--label is ''", "a letter or a digit")),
+    "a seed below 0": ({}, {"seed": -3}, ("--seed is -3", "in [0, 4294967295]")),
     "an unknown task": ({}, {"task": "nmp/ViaPoint-v0"}, ("nmp/ViaPoints-v0",)),
 }  # fmt: skip
 

@@ -334,6 +334,27 @@ def test_a_damaged_row_is_told_in_a_sentence(
     assert [why in problem for problem in verify_row(path).problems] == [True]
 
 
+@pytest.mark.parametrize("what", ["verify", "show"])
+@pytest.mark.parametrize(
+    ("broken", "why"),
+    [
+        (lambda row: replace(row, provenance=replace(row.provenance, packages={})), "of mujoco"),
+        (lambda row: replace(row, claims=()), "has no claims"),
+        (lambda row: replace(row, board="nope"), "says board 'nope'"),
+    ],
+)
+def test_a_row_that_is_not_whole_is_told_in_a_sentence(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    what: str, broken: Callable[[Row], Row], why: str,
+) -> None:  # fmt: skip
+    row, evidence = the_row(made / "data")
+    path = write_row(tmp_path, broken(row), evidence)
+    path.parent.rename(tmp_path / row.board)
+    capsys.readouterr()
+    assert command(what, tmp_path) == (1 if what == "verify" else 2)
+    assert why in capsys.readouterr().err
+
+
 def test_a_full_disk_leaves_the_row_that_was_there(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,6 +8,7 @@ from matplotlib.image import imread
 from PIL import Image
 from rich.console import Console
 
+from baselines import GA
 from benchmark_envs import RenderingUnavailableError, TaskError, make_task
 from results.cli import main
 from results.exceptions import BenchmarkError
@@ -193,6 +194,18 @@ def test_a_run_can_be_rendered_from_its_file(folder: Path):
         chosen_rollout(RenderRequest("nmp/Bottles-v0", run=run, context=(0.0,)))
 
 
+def test_what_is_no_run_is_not_advised_to_be_removed(tmp_path: Path):
+    model = tmp_path / "b.zip"
+    GA("MlpPolicy", "nmp/Bottles-v0").save(model)
+    for path, why in ((model, "is no record of a run"), (tmp_path / "x.json", "there is no file")):
+        with pytest.raises(BenchmarkError, match=why) as caught:
+            chosen_rollout(RenderRequest("nmp/Bottles-v0", run=path))
+        assert "emove" not in str(caught.value)
+    other = RenderRequest("nmp/Push-v0", model=model, algorithm="ga")
+    with pytest.raises(BenchmarkError, match=r"contexts of shape \(4,\).*name the model's task"):
+        chosen_rollout(other)
+
+
 BOTTLES = ["nmp/Bottles-v0", "--expert", "s", "--out", "x.gif"]
 
 
@@ -208,6 +221,8 @@ BOTTLES = ["nmp/Bottles-v0", "--expert", "s", "--out", "x.gif"]
         (["run", "--suite", "fakes", "--algorithms", "nope"], "it has Hill, Broken, Absent"),
         (["run", "--suite", "fakes", "--seeds", "0"], "write how many"),
         (["run", "--suite", "fakes", "--seeds", "5-3"], "write how many"),
+        (["run", "--suite", "fakes", "--seeds", "99999999999"], "a range name at most 10000"),
+        (["run", "--suite", "fakes", "--seeds", "4294967296,"], "must be below 2^32"),
         (["run", "--suite", "fakes", "--budget", "0"], "at least 1 rollout"),
         (["run", "--suite", "fakes", "--workers", "0"], "at least 1 process"),
         (["table", "--runs", "nowhere"], "holds no readable runs"),

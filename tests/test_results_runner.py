@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from results.exceptions import SettingsClashError
+from results.exceptions import BenchmarkError, SettingsClashError
 from results.harness.environments import RunTask
 from results.harness.progress import run_with_progress
 from results.harness.provenance import provenance
@@ -124,6 +124,12 @@ def test_overwrite_replaces_the_runs_asked_for_and_no_others(tmp_path: Path):
         do(tmp_path, run_of(0, budget=13), overwrite=True)
     assert do(tmp_path, run_of(0, budget=13), run_of(1, budget=13), overwrite=True) == 0
     assert {r.specification.budget for r in read_records(tmp_path).records} == {13}
+
+
+def test_a_run_that_spends_more_than_its_budget_fails():
+    why = r"spendthrift spent 17 rollouts of 12: .*check_algorithm"
+    with pytest.raises(BenchmarkError, match=why):
+        execute(run_of(0, "Spendthrift"))
 
 
 def test_a_failed_run_keeps_its_reason_and_is_tried_again(

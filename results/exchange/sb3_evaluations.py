@@ -24,6 +24,7 @@ from results.harness.records import (
     Seconds,
     SpecificationRecord,
 )
+from results.harness.slugs import slug
 
 KEYS = ("timesteps", "results", "ep_lengths", "successes")
 IMPORTED = "imported from SB3's evaluations.npz; 'best' is that of its evaluations"
@@ -64,6 +65,7 @@ def import_evaluations(source: Source, folder: Path, overwrite: bool = False) ->
         name, or runs of another budget in the folder
     :raises UnknownTaskError: no such task
     """
+    _check(source)
     bring_in(source.imports, source.task)
     curve = _curve(source, _read(source))
     asked = SpecificationRecord(
@@ -82,6 +84,17 @@ def import_evaluations(source: Source, folder: Path, overwrite: bool = False) ->
     folder.mkdir(parents=True, exist_ok=True)
     write_record(path, RunRecord(asked, _origin(source.path), "finished", result))
     return path
+
+
+def _check(source: Source) -> None:
+    """Raise for a name or a seed that no record can have."""
+    if not slug(source.label):
+        raise BenchmarkError(
+            f"--label is '{source.label}'; it must hold a letter or a digit, as it names the run's "
+            "file and row."
+        )
+    if not 0 <= source.seed < 2**32:
+        raise BenchmarkError(f"--seed is {source.seed}; it must be in [0, {2**32 - 1}].")
 
 
 def _read(source: Source) -> dict[str, NDArray[Any]]:
@@ -126,6 +139,12 @@ def _curve(source: Source, found: dict[str, NDArray[Any]]) -> dict[str, list[Any
             f"the episodes of '{source.path}' last {sorted(lengths)} steps, and a rollout is said "
             f"to last {source.steps}; costs are counted in rollouts, so all must last as long: "
             "name that number (--steps)."
+        )
+    told = np.unique(found["successes"])
+    if not np.isin(told, (0, 1)).all():
+        raise BenchmarkError(
+            f"'{source.path}' holds successes of {told.tolist()[:5]}; each must be 0 or 1, of one "
+            "episode. Leave means over episodes out: EvalCallback(..., n_eval_episodes=1)."
         )
     successes = found["successes"].astype(bool)
     if (np.ptp(results, axis=1) > 1e-5).any() or (successes != successes[:, :1]).any():

@@ -119,6 +119,7 @@ def execute(run: RunSpecification, on_rollouts: OnRollouts | None = None) -> Res
     model.learn(run.budget, callback=prepared.evaluation, progress_bar=False)
     total = time.perf_counter() - start
     prepared.env.close()
+    _check_spent(model, run)
     evaluating = prepared.evaluation.seconds
     return Result(
         prepared.task,
@@ -126,6 +127,20 @@ def execute(run: RunSpecification, on_rollouts: OnRollouts | None = None) -> Res
         prepared.evaluation.measured(),
         sees(model),
     )
+
+
+def _check_spent(model: object, run: RunSpecification) -> None:
+    """Raise if an algorithm took more rollouts than it was given: its curve would be no run's.
+
+    :raises BenchmarkError: it did
+    """
+    spent = getattr(model, "num_timesteps", 0)
+    if spent > run.budget:
+        raise BenchmarkError(
+            f"{run.algorithm.name} spent {spent} rollouts of {run.budget}: learn(total_timesteps) "
+            "must never take more. sb3_nmp.check_algorithm tells what else learn must keep; "
+            "results.agents shows how algorithms of Stable-Baselines3 are run."
+        )
 
 
 def sees(model: object) -> tuple[str, ...] | None:

@@ -9,6 +9,9 @@ from results.harness.protocol import Protocol
 from results.harness.records import SuiteRecord
 from results.harness.specification import Algorithm, RunSpecification
 
+#: of one command, each of which is a run of every algorithm
+MOST_SEEDS = 10_000
+
 
 @dataclass(frozen=True)
 class Recipe:
@@ -157,11 +160,11 @@ def parse_seeds(text: str) -> list[int]:
     :param text: ``"N"`` for the first N, ``"A-B"`` for A to B inclusive, ``"A,B,C"`` for these
     :raises BenchmarkError: none of these, or no seed at all
     """
-    seeds: list[int] = []
+    seeds: Sequence[int] = []
     if re.fullmatch(r"\d+", text):
-        seeds = list(range(int(text)))
+        seeds = range(int(text))
     elif match := re.fullmatch(r"(\d+)-(\d+)", text):
-        seeds = list(range(int(match[1]), int(match[2]) + 1))
+        seeds = range(int(match[1]), int(match[2]) + 1)
     elif re.fullmatch(r"\d+(,\d+)+,?|\d+,", text):
         seeds = sorted({int(part) for part in text.split(",") if part})
     if not seeds:
@@ -169,4 +172,9 @@ def parse_seeds(text: str) -> list[int]:
             f"the seeds '{text}' name no seed; write how many (5), a range (10-19) or a list "
             "(3,7; a single one as '3,')."
         )
-    return seeds
+    if seeds[-1] >= 2**32 or (seeds[-1] - seeds[0] >= MOST_SEEDS and isinstance(seeds, range)):
+        raise BenchmarkError(
+            f"the seeds '{text}' go too far: they must be below 2^32, and a range name at most "
+            f"{MOST_SEEDS}. Where you mean a single seed, write it with a comma ('7,')."
+        )
+    return list(seeds)

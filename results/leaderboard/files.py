@@ -15,6 +15,8 @@ from results.harness.whole_files import write_whole
 from results.leaderboard.rows import Evidence, Row
 
 FORMAT = 1
+#: which a row's provenance tells
+VERSIONS = ("mujoco", "numpy", "torch", "stable-baselines3")
 ARRAYS = ("contexts", "final", "solving")
 
 
@@ -79,7 +81,23 @@ def read_row(path: Path) -> tuple[Row, Evidence, str]:
             f"'{path.with_suffix('.npz')}' holds {sorted(found)}; a row has {', '.join(ARRAYS)}, "
             "all in single precision."
         )
+    _check_row(path, content.row)
     return content.row, Evidence(**found), content.digest
+
+
+def _check_row(path: Path, row: Row) -> None:
+    """Raise for a row of which neither a table nor a comparison can be made.
+
+    :raises RecordError: it is one
+    """
+    missing = [name for name in VERSIONS if name not in row.provenance.packages]
+    why = f"tells no version of {', '.join(missing)}" if missing else ""
+    why = why or ("" if row.claims else "has no claims, one for each run")
+    if why:
+        raise RecordError(
+            f"'{path}' is no whole row of the leaderboard: it {why}. Restore it from the "
+            "repository, or make it anew with 'nmp-bench leaderboard update'."
+        )
 
 
 def row_paths(data: Path, board: str | None = None) -> list[Path]:

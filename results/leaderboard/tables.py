@@ -3,8 +3,10 @@
 import re
 from collections.abc import Sequence
 
+from results.exceptions import RecordError
 from results.harness.records import Provenance
 from results.leaderboard.boards import BOARDS
+from results.leaderboard.files import VERSIONS
 from results.leaderboard.rows import Row
 from results.report.footnotes import EXPECTED_NOTE
 from results.report.own_answer import SIGNS
@@ -42,7 +44,14 @@ def page(rows: Sequence[Row]) -> Page:
     """Return a table for each board, the fewest expected rollouts first.
 
     :param rows: of all boards
+    :raises RecordError: a row of a board that there is not
     """
+    for row in rows:
+        if row.board not in BOARDS:
+            raise RecordError(
+                f"the row '{row.label}' says board '{row.board}', and the leaderboard has "
+                f"{', '.join(BOARDS)}: restore the row from the repository, or remove it."
+            )
     boards = sorted({row.board for row in rows}, key=[*BOARDS].index)
     tables = [_table(board, [row for row in rows if row.board == board]) for board in boards]
     return Page(tables, [Section("Notes", [*NOTES, *origins(rows)], "dim")])
@@ -99,8 +108,7 @@ def origins(rows: Sequence[Row]) -> list[str]:
 
 
 def _origin(provenance: Provenance) -> str:
-    names = ("mujoco", "numpy", "torch", "stable-baselines3")
-    versions = ", ".join(f"{name} {provenance.packages[name]}" for name in names)
+    versions = ", ".join(f"{name} {provenance.packages[name]}" for name in VERSIONS)
     machine = provenance.machine
     cpu = f", {machine.cpu} ({machine.architecture}, {machine.features[-1]})" if machine else ""
     return f"{versions}, Python {provenance.python}{cpu}"
