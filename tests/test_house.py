@@ -40,7 +40,8 @@ def test_functions_are_short() -> None:
 def test_the_oldest_versions_that_are_tested_are_those_that_are_allowed() -> None:
     """But torch's, of which no index that pip knows by itself has an old CPU build."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    asked = [*project["dependencies"], *project["optional-dependencies"]["contrib"]]
+    extras = project["optional-dependencies"]
+    asked = [*project["dependencies"], *extras["contrib"], *extras["parquet"]]
     bounds = dict(re.match(r"([\w-]+)>=([\d.]+)", each).groups() for each in asked)  # type: ignore[union-attr]
     pins = re.findall(r"^([\w-]+)==([\d.]+)$", (ROOT / "constraints-oldest.txt").read_text(), re.M)
     told = {name: version for name, version in pins if name != "torch"}

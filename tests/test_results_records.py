@@ -59,7 +59,7 @@ def _builtins(record: RunRecord) -> dict[str, object]:
         ("{", "Input data was truncated"),
         ("[]", "Expected `object`"),
         ('{"format": 99}', "format 99.*update sb3-nmp"),
-        ('{"format": 1, "specification": {}}', "format 1, from before version 0.2"),
+        ('{"format": 1, "specification": {}}', "format 1, from before this format"),
         (changed(outcome="lost"), "Invalid enum value"),
         (changed(result=None), "without its finished part"),
         (changed(specification=None), r"\$\.specification"),

@@ -48,9 +48,10 @@ class ArmTask(MujocoTask):
     ...     arm, way, context_names=["x [m]", "y [m]"], context_low=[0.4, -0.2],
     ...     context_high=[0.6, 0.2], duration=1.0, n_time_points=50, n_threads=1,
     ... )  # fmt: skip
-    >>> rollouts = task.simulate([0.5, 0.1], task.demonstrate([0.5, 0.1]))
+    >>> at_rest = task.initial_trajectory([0.5, 0.1])  # task.demonstrate needs mink
+    >>> rollouts = task.simulate([0.5, 0.1], at_rest)
     >>> rollouts.successes.tolist(), rollouts.executed.shape, task.trajectory_names[0]
-    ([True], (1, 50, 6), 'turn [rad]')
+    ([False], (1, 50, 6), 'turn [rad]')
 
     :param arm: that moves
     :param way: via-poses of a context

@@ -66,7 +66,7 @@ def read_record(path: Path) -> RunRecord:
             "sb3-nmp, or remove the file and do the run again."
         )
     raise RecordError(
-        f"'{path}' is of format {found}, from before version 0.2, which says too little for "
+        f"'{path}' is of format {found}, from before this format, which tells too little for "
         f"today's tables (format {FORMAT}): remove the file and do the run again, or read it with "
         "sb3-nmp 0.1."
     )
