@@ -20,7 +20,8 @@ from sb3_nmp.common.growing import GrowingModule
 from sb3_nmp.common.settings import settings_name
 from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining
 from sb3_nmp.models.skill_space import N_MOMENTS, SkillSpace
-from sb3_nmp.rcnmp.skill import BETAS, Standardised
+from sb3_nmp.models.standardised import Standardised
+from sb3_nmp.rcnmp.skill import BETAS
 
 
 @settings_name("rcnmp-achievement")

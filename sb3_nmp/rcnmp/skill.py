@@ -38,6 +38,7 @@ from sb3_nmp.common.settings import settings_name
 from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining
 from sb3_nmp.models.modes import sort_into_modes
 from sb3_nmp.models.skill_space import N_MOMENTS, SkillSpace
+from sb3_nmp.models.standardised import Standardised
 
 FloatArray = NDArray[np.float64]
 BETAS = (0.7, 0.95)  # of Adam in the ascent, which has but a few steps
@@ -89,40 +90,6 @@ class RCNMPSkill:
                 f"n_modes is {self.n_modes!r}; it must be a whole number >= 1, where 1 takes all "
                 "that was right for one way to do the task."
             )
-
-
-class Standardised(nn.Module):
-    """Mean and standard deviation of data, kept with a network.
-
-    :param size: of a row
-    """
-
-    mean: th.Tensor
-    std: th.Tensor
-
-    def __init__(self, size: int) -> None:
-        super().__init__()
-        self.register_buffer("mean", th.zeros(size))
-        self.register_buffer("std", th.ones(size))
-
-    def take(self, rows: th.Tensor, groups: int | None = None) -> None:
-        """Take over the mean and the standard deviation of rows.
-
-        :param rows: shape (N, size)
-        :param groups: entries that are so many apart share a standard deviation; by default none
-        """
-        self.mean.copy_(rows.mean(dim=0))
-        square = ((rows - self.mean) ** 2).mean(dim=0)
-        if groups is not None:
-            square = square.unflatten(0, (-1, groups)).mean(dim=0).repeat(len(square) // groups)
-        self.std.copy_(square.sqrt().clamp(min=1e-6))
-
-    def forward(self, rows: th.Tensor) -> th.Tensor:
-        """Return rows with mean 0 and standard deviation 1.
-
-        :param rows: shape (..., size)
-        """
-        return (rows - self.mean) / self.std
 
 
 class RewardConditionedSkill(nn.Module):
