@@ -75,10 +75,9 @@ def scale(given: ArrayLike | None, space: spaces.Box) -> FloatArray:
     :param space: of the trajectories
     :raises TaskError: it does not fit
     """
-    if given is None:
-        given = (space.high.astype(np.float64) - space.low)[0] / 10
+    tenth = (space.high.astype(np.float64) - space.low)[0] / 10
     rule = f"one finite number > 0, or {space.shape[1]}: one for each dimension of a set-point"
-    found = as_numbers("exploration_scale", given, rule)
+    found = as_numbers("exploration_scale", tenth if given is None else given, rule)
     if found.shape not in ((), space.shape[1:]) or not ((found > 0) & (found < np.inf)).all():
         raise TaskError(f"exploration_scale is {given}; it must be {rule}.")
     return np.array(np.broadcast_to(found, space.shape[1:]))

@@ -56,7 +56,7 @@ class CNMPPretraining:
         for name in ("n_steps", "batch_size", "n_target_points", "max_conditioning_points"):
             value = getattr(self, name)
             least = 0 if name in ("n_steps", "max_conditioning_points") else 1
-            if not isinstance(value, Real) or int(value) != value or value < least:
+            if not isinstance(value, Real) or value % 1 != 0 or value < least:
                 raise ConfigurationError(
                     f"{name} is {value!r}; it must be a whole number >= {least}."
                 )
