@@ -222,6 +222,7 @@ def test_ppo_improves_and_sac_runs_on_an_analytic_task() -> None:
         (lambda: wrapped(reach=np.nan), "reach is nan"),
         (lambda: wrapped(exploration_scale=[0.1, 0.1]), "exploration_scale is .*one for each"),
         (lambda: wrapped(exploration_scale=-1.0), "exploration_scale is -1.0"),
+        (lambda: wrapped(exploration_scale="big"), "exploration_scale is 'big'; .*number > 0"),
         (lambda: wrapped(mean=np.zeros((100, 1))), r"shape \(100, 1\).*\(T, D\) = \(200, 1\)"),
         (lambda: wrapped(mean=np.full((200, 1), np.nan)), "not finite"),
         (lambda: wrapped(moves_goal=True), "goal of ProMP.*moves_goal=False"),

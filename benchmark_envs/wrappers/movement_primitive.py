@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from benchmark_envs.exceptions import InvalidTrajectoryError, TaskError
 from benchmark_envs.rollouts import FloatArray
+from benchmark_envs.wrappers import trajectory_arguments
 
 Array = NDArray[Any]
 
@@ -192,15 +193,8 @@ class MovementPrimitiveWrapper(
         space = self.trajectory_space
         if given is None and self.env.has_wrapper_attr("exploration_scale"):
             given = self.env.get_wrapper_attr("exploration_scale")
-        if given is None:
-            given = (space.high.astype(np.float64) - space.low).mean(axis=0) / 10
-        scale = np.asarray(given, np.float64)
-        if scale.shape not in ((), space.shape[1:]) or not ((scale > 0) & (scale < np.inf)).all():
-            raise TaskError(
-                f"exploration_scale is {given}; it must be one finite number > 0, or "
-                f"{space.shape[1]}: one for each dimension of the trajectory."
-            )
-        return np.broadcast_to(scale, space.shape[1:])
+        tenth = (space.high.astype(np.float64) - space.low).mean(axis=0) / 10
+        return trajectory_arguments.scale(given, tenth, "the trajectory")
 
 
 def _trajectory_space(space: gym.Space[Any]) -> spaces.Box:

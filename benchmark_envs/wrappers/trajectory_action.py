@@ -98,7 +98,8 @@ class TrajectoryActionWrapper(gym.Env[Array, Array]):
         self._initial = initial
         if initial is not None and not callable(initial):
             self._initial = trajectory_arguments.rest(initial, self._space)
-        self.exploration_scale = trajectory_arguments.scale(exploration_scale, self._space)
+        tenth = (self._space.high.astype(np.float64) - self._space.low)[0] / 10
+        self.exploration_scale = trajectory_arguments.scale(exploration_scale, tenth, "a set-point")
         self.context: Array | None = None
         self._first: Any = None  # observation of the episode that has not been stepped yet
         self._seeds: dict[bytes, int] = {}

@@ -68,19 +68,20 @@ def bounds(low: ArrayLike, high: ArrayLike) -> tuple[FloatArray, FloatArray]:
     return lows, highs
 
 
-def scale(given: ArrayLike | None, space: spaces.Box) -> FloatArray:
+def scale(given: ArrayLike | None, otherwise: FloatArray, of: str) -> FloatArray:
     """Return the standard deviation at which a search may begin, shape (D,).
 
-    :param given: one value, or one for each dimension; None: a tenth of the set-points' range
-    :param space: of the trajectories
+    :param given: one value, or one for each dimension
+    :param otherwise: where none is given, shape (D,)
+    :param of: what has these dimensions, in words
     :raises TaskError: it does not fit
     """
-    tenth = (space.high.astype(np.float64) - space.low)[0] / 10
-    rule = f"one finite number > 0, or {space.shape[1]}: one for each dimension of a set-point"
-    found = as_numbers("exploration_scale", tenth if given is None else given, rule)
-    if found.shape not in ((), space.shape[1:]) or not ((found > 0) & (found < np.inf)).all():
+    shape = otherwise.shape
+    rule = f"one finite number > 0, or {shape[0]}: one for each dimension of {of}"
+    found = as_numbers("exploration_scale", otherwise if given is None else given, rule)
+    if found.shape not in ((), shape) or not ((found > 0) & (found < np.inf)).all():
         raise TaskError(f"exploration_scale is {given}; it must be {rule}.")
-    return np.array(np.broadcast_to(found, space.shape[1:]))
+    return np.array(np.broadcast_to(found, shape))
 
 
 def rest(given: ArrayLike, space: spaces.Box) -> FloatArray:

@@ -99,8 +99,8 @@ def bandit(task: str, method: str, seed: int) -> tuple[Any, Callable[[Array], Ar
         shown = Demonstrations.from_task(expert, N_DEMONSTRATIONS, seed=FIRST_EXPERT_SEED + seed)
         if method in SHOWN:
             kind, settings = SHOWN[method]
-            settings = settings | {"exploration_scale": SHOWN_SCALE}
-            model = kind("MlpPolicy", env, demonstrations=shown, seed=seed, **settings)
+            settings = {"demonstrations": shown, "exploration_scale": SHOWN_SCALE, **settings}
+            model = kind("MlpPolicy", env, seed=seed, **settings)
         elif method == "ACNMP":
             model = ACNMP("MlpPolicy", env, demonstrations=shown, seed=seed).pretrain()
         else:

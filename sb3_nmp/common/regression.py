@@ -128,9 +128,13 @@ def linear_regression(
     """
     centre, middle = known.mean(axis=0), values.mean(axis=0)
     rows = known - centre
-    gram = rows.T @ rows + penalty * np.eye(rows.shape[1])
-    slopes = np.linalg.solve(gram, rows.T @ (values - middle))
+    slopes = np.linalg.solve(_gram(rows, penalty), rows.T @ (values - middle))
     return centre, middle, slopes
+
+
+def _gram(rows: FloatArray, penalty: float) -> FloatArray:
+    """Return the matrix of the normal equations of a ridge regression, shape (C, C)."""
+    return rows.T @ rows + penalty * np.eye(rows.shape[1])
 
 
 def least_error_penalty(known: FloatArray, values: FloatArray) -> float:
@@ -159,8 +163,8 @@ def leave_one_out_error(known: FloatArray, values: FloatArray, penalty: float) -
     """
     centre, middle, slopes = linear_regression(known, values, penalty)
     rows = known - centre
-    gram = rows.T @ rows + penalty * np.eye(rows.shape[1])
-    leverage = 1 / len(rows) + np.einsum("mc,mc->m", rows @ np.linalg.inv(gram), rows)
+    inverse = np.linalg.inv(_gram(rows, penalty))
+    leverage = 1 / len(rows) + np.einsum("mc,mc->m", rows @ inverse, rows)
     errors = (values - middle - rows @ slopes) / np.maximum(1.0 - leverage, 1e-3)[:, None]
     return float(np.mean(errors**2))
 

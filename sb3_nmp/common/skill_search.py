@@ -82,8 +82,7 @@ class SkillSearch(BufferedAlgorithm):
         """
         if self.relabel is not None:
             return self.relabel
-        shown = self._search is not None and self._search.shown is not None
-        return self.demonstrations is None and not shown
+        return self._search is None or self._search.shown is None
 
     def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
         """Exchange the environment; see SB3. Whether its contexts vary is found out anew.
@@ -107,10 +106,10 @@ class SkillSearch(BufferedAlgorithm):
         if self._varies:
             if self.relabel:
                 environment.check_tells_achievement(env)
-            self._tells_achievement = self._relabels and environment.tells_achievement(env)
             self._search = ContextualSearch(self.contextual)
             self.replay_buffer.capacity = None
             self._begin_skill(env)
+            self._tells_achievement = self._relabels and environment.tells_achievement(env)
 
     def _begin_skill(self, env: VecEnv) -> None:
         """Look at the initial trajectories of a few contexts, which costs no rollout."""

@@ -195,9 +195,8 @@ class RewardConditionedSkill(nn.Module):
             th.as_tensor(rows[new], dtype=th.float32)
             for rows in (known.contexts, known.weights, known.rewards)
         )
-        inputs = th.cat([self.contexts(contexts), self.moments(space.moments(weights))], dim=1)
-        errors = self.reward(inputs).mean(dim=0) - self.rewards(rewards[:, None])
-        return float((errors**2).mean())
+        inputs = self._reward_inputs(space, self.contexts(contexts), weights)
+        return float(self._reward_error(inputs, self.rewards(rewards[:, None])))
 
     def _find_modes(self, space: SkillSpace, known: Experience) -> list[NDArray[np.intp]]:
         """Return the rows of each mode among what was right, the commonest first."""
@@ -227,12 +226,11 @@ class RewardConditionedSkill(nn.Module):
             return
         contexts, weights = contexts[rated], weights[rated]
         rewards = th.as_tensor(known.rewards[rated], dtype=th.float32)[:, None]
-        moments = space.moments(weights)
-        self.moments.take(moments, groups=space.n_dimensions)
+        self.moments.take(space.moments(weights), groups=space.n_dimensions)
         self.rewards.take(rewards)
         succeeded = th.as_tensor(known.successes[rated])
         self.target_reward.copy_(self.rewards(rewards[succeeded].mean(dim=0))[0])
-        inputs = th.cat([self.contexts(contexts), self.moments(moments)], dim=1)
+        inputs = self._reward_inputs(space, self.contexts(contexts), weights)
         self.reward.fit(
             inputs,
             self.rewards(rewards),
@@ -240,8 +238,25 @@ class RewardConditionedSkill(nn.Module):
             EnsembleTraining(weight_decay=0.1),
             generator,
         )
-        errors = self.reward(inputs).mean(dim=0) - self.rewards(rewards)
-        self.residual.copy_((errors**2).mean())
+        self.residual.copy_(self._reward_error(inputs, self.rewards(rewards)))
+
+    def _reward_inputs(
+        self, space: SkillSpace, contexts: th.Tensor, weights: th.Tensor
+    ) -> th.Tensor:
+        """Return what the reward model sees, shape (rows, inputs).
+
+        :param contexts: standardised, shape (rows, C)
+        :param weights: shape (rows, P)
+        """
+        return th.cat([contexts, self.moments(space.moments(weights))], dim=1)
+
+    def _reward_error(self, inputs: th.Tensor, rewards: th.Tensor) -> th.Tensor:
+        """Return the mean squared error of the rewards that the model foretells.
+
+        :param inputs: shape (rows, inputs)
+        :param rewards: standardised, shape (rows, 1)
+        """
+        return ((self.reward(inputs).mean(dim=0) - rewards) ** 2).mean()
 
     @property
     def n_found(self) -> int:
@@ -323,8 +338,7 @@ class RewardConditionedSkill(nn.Module):
         :param contexts: standardised, shape (rows, C)
         :param weights: shape (rows, P)
         """
-        inputs = th.cat([contexts, self.moments(space.moments(weights))], dim=1)
-        predicted = self.reward(inputs)[..., 0]
+        predicted = self.reward(self._reward_inputs(space, contexts, weights))[..., 0]
         mean, variance = predicted.mean(dim=0), predicted.var(dim=0, correction=0)
         variance = variance + self.residual + self.settings.floor**2
         return 0.5 * ((self.target_reward - mean) ** 2 / variance + variance.log())
