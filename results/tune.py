@@ -39,7 +39,8 @@ def tune(options: argparse.Namespace) -> int:
     """
     from results.harness.suite import parse_seeds
     from results.suites import find_recipe
-    from results.tuning.study import TuningPlan, tune_suite
+    from results.tuning.plan import TuningPlan
+    from results.tuning.study import tune_suite
 
     recipe = find_recipe(options.suite)
     seeds = parse_seeds(options.seeds)

@@ -15,10 +15,13 @@ from stable_baselines3.common.callbacks import CheckpointCallback
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from baselines import BO, GA, REPS
+from benchmark_envs import make_task
+from results.cli import main
 from sb3_nmp import (
     ACNMP,
     RCNMP,
     ConfigurationError,
+    Demonstrations,
     FileFormatError,
     ResumeWarning,
     UnknownArgumentError,
@@ -74,7 +77,8 @@ from stable_baselines3.common.callbacks import BaseCallback, CallbackList, Check
 from tests.registry import ALGORITHMS
 from tests.test_algorithms import build
 from tests.test_resume import drawing
-from baselines import GA
+
+kind = next(each for each in ALGORITHMS if each.__name__ == sys.argv[2])
 
 class Killer(BaseCallback):
     def _on_step(self):
@@ -83,21 +87,51 @@ class Killer(BaseCallback):
         return True
 
 checkpoints = CheckpointCallback(10, sys.argv[1], save_replay_buffer=True)
-build(GA, drawing(1)).learn(100, callback=CallbackList([checkpoints, Killer()]))
+build(kind, drawing(1)).learn(100, callback=CallbackList([checkpoints, Killer()]))
 """
 
 
-def test_a_run_that_was_killed_resumes_exactly_from_its_last_checkpoint(tmp_path: Path) -> None:
+RESUMED = """
+import sys
+from pathlib import Path
+from tests.registry import ALGORITHMS
+from tests.test_resume import BUDGET, checkpoint, drawing, load
+
+folder, kind = Path(sys.argv[1]), next(a for a in ALGORITHMS if a.__name__ == sys.argv[2])
+model = load(kind, checkpoint(folder, 20), drawing(1))
+model.learn(BUDGET - 20, reset_num_timesteps=False).save(folder / "resumed")
+"""
+
+
+def in_another_process(program: str, *arguments: str) -> int:
+    """Run a program that imports from these tests, and return its exit status."""
     path = os.pathsep.join([str(Path(__file__).parents[1]), *sys.path])
     environment = {**os.environ, "PYTHONPATH": path}
-    done = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], env=environment)
-    assert done.returncode == -signal.SIGKILL
+    return subprocess.run([sys.executable, "-c", program, *arguments], env=environment).returncode
+
+
+@pytest.mark.parametrize(("kind", "algorithm"), [("acnmp", ACNMP), ("rcnmp", RCNMP), ("ga", GA)])
+def test_a_run_that_was_killed_is_resumed_elsewhere_exported_and_replayed(
+    kind: str, algorithm: Algorithm, tmp_path: Path
+) -> None:
+    """The trajectory in the file is that of a run that nobody killed, and earns what it earns."""
+    name = algorithm.__name__
+    assert in_another_process(KILLED, str(tmp_path), name) == -signal.SIGKILL
     assert not checkpoint(tmp_path, 30)[0].exists()
-    whole = run(build(GA, drawing(1)), BUDGET)
-    rest = run(
-        load(GA, checkpoint(tmp_path, 20), drawing(1)), BUDGET - 20, reset_num_timesteps=False
+    assert in_another_process(RESUMED, str(tmp_path), name) == 0
+    context, out = drawing(1).reset()[0], tmp_path / "skill.csv"
+    source = [ENV_ID, "--model", str(tmp_path / "resumed.zip"), "--algorithm", kind]
+    asked = ["--context", *map(str, context), "--out", str(out)]
+    assert main(["export", *source, *asked]) == 0
+    whole = build(algorithm, drawing(1)).learn(BUDGET)
+    own, _ = whole.predict(context, deterministic=True)
+    read = Demonstrations.from_csv(out)
+    np.testing.assert_array_equal(read.trajectories[0], own)
+    replayed, expected = (
+        make_task(ENV_ID).simulate(read.contexts, trajectories[None]).rewards
+        for trajectories in (read.trajectories[0], own)
     )
-    np.testing.assert_array_equal(rest.trajectories, whole.trajectories[20:])
+    np.testing.assert_array_equal(replayed, expected)
 
 
 def test_a_second_call_of_learn_resumes_alike_whether_or_not_it_counts_anew(tmp_path: Path) -> None:

@@ -18,7 +18,8 @@ from results.harness.protocol import Protocol
 from results.suites import find_recipe
 from results.tuning import rows, study
 from results.tuning.contexts import TuningContext, tuning_contexts
-from results.tuning.study import StudySummary, Trial, TuningPlan, tune, with_settings
+from results.tuning.plan import Trial, TuningPlan
+from results.tuning.study import StudySummary, tune, with_settings
 from sb3_nmp import RCNMP, ConfigurationError, Demonstrations
 from sb3_nmp.common.tuning import Choice, Range, arguments_of, default_of
 
@@ -203,6 +204,24 @@ def test_the_command_writes_studies_and_keeps_those_that_are_there(
     assert "2 trials of 1 runs" in capsys.readouterr().out
     assert main(arguments) == 0
     assert "random search: kept" in capsys.readouterr().out
+
+
+def test_a_folder_holds_studies_of_one_plan(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Else a row with more trials than its rivals would be called equally tuned."""
+    made = TuningPlan.of("rivals", RECIPE, [1000], n_trials=2, budget=5)
+    StudySummary("GA", "ga", made, {}, (Trial({}, 1.0), Trial({"x": 1}, 0.5))).write(tmp_path)
+    asked = ["tune", "--suite", "rivals", "--algorithms", "random search", "--seeds", "1000,"]
+    asked += ["--budget", "5", "--out", str(tmp_path)]
+    for more in ([], ["--overwrite"]):  # of the one study, and the other would stay as it is
+        assert main([*asked, "--trials", "9", *more]) == 2
+        told = capsys.readouterr().err
+        assert "ga.json' is a study of another plan: n_trials was 2, and 9 is asked" in told
+    (tmp_path / "rivals/ga.json").write_text("{}")
+    assert main([*asked, "--trials", "2"]) == 2
+    assert "no study that can be read" in capsys.readouterr().err
+    assert not (tmp_path / "rivals/random-search.json").exists()
 
 
 def test_what_cannot_be_tuned_is_refused() -> None:

@@ -1,157 +1,29 @@
-"""A tuning study: trials of an algorithm's settings on tuning seeds, and what is kept of it.
+"""A tuning study: trials of an algorithm's settings by one plan, and what is kept of it.
 
-What a trial costs is told by one of two measures. ``"rollouts"``: the mean logarithm of the
-rollouts until the greedy policy succeeds, over the tuning runs; a run that never does counts as
-twice its budget. ``"reward"``: minus the mean reward of the greedy trajectory at the end. The first
-trial are the settings that the suite has, so that tuning can only be a gain on the tuning seeds.
+The first trial are the settings that the suite has, so that tuning can only be a gain on the tuning
+seeds.
 """
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from results.exceptions import BenchmarkError
-from results.harness.protocol import Protocol
-from results.harness.records import Curve
 from results.harness.runner import execute
 from results.harness.slugs import slug
 from results.harness.specification import Algorithm, RunSpecification, plain
 from results.harness.suite import Recipe, find_label
 from results.harness.whole_files import write_whole
 from results.one_context.protocol import OneContext
-from results.report.frames import rollouts_to_success
+from results.tuning.plan import Trial, TuningPlan
 from sb3_nmp.common.tuning import Choice, SearchSpace, Value, arguments_of
 
 if TYPE_CHECKING:
     import optuna
-
-#: reported runs have smaller seeds
-FIRST_TUNING_SEED = 1000
-
-Measure = Literal["rollouts", "reward"]
-
-
-@dataclass(frozen=True)
-class TuningPlan:
-    """What is equal for all algorithms.
-
-    :param suite: its name
-    :param task: the suite's task
-    :param task_settings: its constructor arguments
-    :param budget: rollouts of a run
-    :param seeds: of the runs of each trial; none of them is reported
-    :param n_trials: of each algorithm, its settings in the suite included
-    :param protocols: each seed is run once in each
-    :param measure: what a trial costs
-    :raises BenchmarkError: a seed that reported runs have, no seed, fewer than one trial, or no
-        such measure
-    """
-
-    suite: str
-    task: str
-    task_settings: dict[str, Any]
-    budget: int
-    seeds: tuple[int, ...]
-    n_trials: int
-    protocols: tuple[Protocol, ...] = (OneContext(),)
-    measure: Measure = "rollouts"
-
-    def __post_init__(self) -> None:
-        """Check seeds, trials and measure."""
-        reported = [seed for seed in self.seeds if seed < FIRST_TUNING_SEED]
-        if reported or not self.seeds:
-            raise BenchmarkError(
-                f"the tuning seeds are {list(self.seeds)}; reported runs have seeds below "
-                f"{FIRST_TUNING_SEED}, so tuning needs at least one, and all from there on, such "
-                f"as --seeds {FIRST_TUNING_SEED}-{FIRST_TUNING_SEED + 4}."
-            )
-        if self.n_trials < 1:
-            raise BenchmarkError(f"n_trials is {self.n_trials}; at least 1 is needed.")
-        if self.measure not in get_args(Measure):
-            raise BenchmarkError(
-                f"measure is {self.measure!r}; a trial costs {' or '.join(get_args(Measure))}."
-            )
-
-    @property
-    def record(self) -> dict[str, Any]:
-        """Its fields as JSON values."""
-        where = [[each.name, each.number] for each in self.protocols]
-        names = [each.name for each in fields(self) if each.name != "protocols"]
-        return {name: plain(getattr(self, name)) for name in names} | {"protocols": where}
-
-    @property
-    def n_runs(self) -> int:
-        """The runs of each trial."""
-        return len(self.protocols) * len(self.seeds)
-
-    def cost(self, curve: Curve) -> float:
-        """Return what a run cost.
-
-        :param curve: of its record
-        """
-        if self.measure == "reward":
-            return -float(curve["greedy_reward"][-1])
-        first = rollouts_to_success(curve["rollouts"], curve["greedy_success"])
-        return float(np.log(min(max(first, 1.0), 2.0 * self.budget)))
-
-    def told(self, trial: "Trial") -> str:
-        """Return a trial's cost in words.
-
-        :param trial: of this plan
-        """
-        if trial.cost is None:
-            return "failed"
-        if self.measure == "reward":
-            return f"reward {-trial.cost:.4f}"
-        return f"{np.exp(trial.cost):.0f} rollouts"
-
-    @classmethod
-    def of(
-        cls,
-        suite: str,
-        recipe: Recipe,
-        seeds: Sequence[int],
-        n_trials: int,
-        budget: int | None = None,
-        measure: Measure = "rollouts",
-    ) -> "TuningPlan":
-        """Return the plan for a suite.
-
-        :param suite: its name
-        :param recipe: what it is made of
-        :param seeds: of the runs of each trial
-        :param n_trials: of each algorithm
-        :param budget: rollouts of a run; the recipe's by default
-        :param measure: what a trial costs
-        :raises BenchmarkError: the suite is not of one task, or has no contexts to tune in
-        """
-        alone = recipe.protocols == (OneContext(),)
-        protocols = recipe.tuning or (recipe.protocols if alone else ())
-        if not protocols or len(recipe.tasks) != 1:
-            raise BenchmarkError(
-                f"the suite '{suite}' cannot be tuned: its runs must be of one task, in one "
-                "context without demonstrations, as those of quick, bottles and rivals are, or it "
-                "must have tuning contexts, as push, pouring and pick-and-place have."
-            )
-        ((task, settings),) = recipe.tasks.items()
-        size = budget or recipe.budget
-        return cls(suite, task, dict(settings), size, tuple(seeds), n_trials, protocols, measure)
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One setting.
-
-    :param chosen: values by the names of the search space; empty: as in the suite
-    :param cost: what it cost; None where a run failed
-    """
-
-    chosen: dict[str, Value]
-    cost: float | None
 
 
 @dataclass(frozen=True)
@@ -250,11 +122,16 @@ def tune_suite(
     :param folder: of the studies; those that it holds are kept
     :param labels: of the algorithms; all by default
     :param overwrite: do studies again that the folder holds
-    :raises BenchmarkError: no such algorithm
+    :raises BenchmarkError: no such algorithm, or the folder holds a study of another plan, beside
+        which those of this one would not be tuned equally
     """
     known = list(recipe.algorithms)
     where = f"the suite '{plan.suite}'"
     chosen = known if labels is None else [find_label(label, known, where) for label in labels]
+    for label in known:
+        path = study_path(folder, plan.suite, label)
+        if path.exists() and not (overwrite and label in chosen):
+            _check_same_plan(path, plan)
     for label in chosen:
         path = study_path(folder, plan.suite, label)
         if path.exists() and not overwrite:
@@ -266,6 +143,31 @@ def tune_suite(
             f"{label}: {plan.told(first)} as in the suite, {plan.told(best)} with "
             f"{best.chosen or 'the same'}, {len(summary.trials)} trials of {plan.n_runs} runs; "
             f"{summary.write(folder)}"
+        )
+
+
+def _check_same_plan(path: Path, plan: TuningPlan) -> None:
+    """Raise where a study was made by another plan.
+
+    :raises BenchmarkError: it was, or cannot be read
+    """
+    try:
+        made = json.loads(path.read_text(encoding="utf-8"))["plan"]
+        differ = {name: (made[name], asked) for name, asked in plan.record.items()}
+    except (ValueError, KeyError, TypeError) as error:
+        raise BenchmarkError(
+            f"'{path}' is no study that can be read ({error!r}): restore it, or make it anew with "
+            "--overwrite."
+        ) from error
+    told = "; ".join(
+        f"{name} was {was}, and {asked} is asked"
+        for name, (was, asked) in differ.items()
+        if was != asked
+    )
+    if told:
+        raise BenchmarkError(
+            f"'{path}' is a study of another plan: {told}. Algorithms are tuned equally: ask for "
+            "the same, write to another folder (--out), or do all studies again (--overwrite)."
         )
 
 
