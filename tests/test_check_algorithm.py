@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -226,3 +227,17 @@ def test_a_planted_fault_is_told_in_its_sentence(fault: str) -> None:
 
 def test_every_rule_says_what_it_asks() -> None:
     assert len(ALGORITHM_RULES) >= 15 and all(rule.__doc__ for rule in ALGORITHM_RULES)
+
+
+def test_the_page_of_checks_has_every_algorithm_and_every_rule() -> None:
+    """That each passes is what `test_every_algorithm_keeps_the_contract` asks."""
+    page = (Path(__file__).parents[1] / "docs/algorithms/contract.md").read_text("utf-8")
+    table = [
+        [cell.strip() for cell in line.strip("| ").split(" | ")]
+        for line in page.splitlines()
+        if line.startswith("| ")
+    ]
+    assert table[0] == ["check", *(each.__name__ for each in ALGORITHMS)]
+    rules = [(rule.__doc__ or "").splitlines()[0] for rule in ALGORITHM_RULES]
+    assert [row[0] for row in table[1:]] == [r.replace("``", "`").rstrip(".") for r in rules]
+    assert {cell for row in table[1:] for cell in row[1:]} == {"✓"}

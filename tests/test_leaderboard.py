@@ -29,6 +29,7 @@ from results.leaderboard.verify import (
     TOLERANCE,
     _about_claim_over_many,
     as_known_then,
+    missing_rows,
     other_versions,
     verify_row,
 )
@@ -191,6 +192,27 @@ def test_every_committed_row_holds(path: Path) -> None:
     assert verify_row(path).problems == []
 
 
+def test_every_board_has_the_rows_that_it_asks_for() -> None:
+    committed = {name: board for name, board in BOARDS.items() if (DATA / name).exists()}
+    assert len(committed) >= 7
+    assert missing_rows(DATA, committed) == []
+
+
+def test_a_row_that_was_taken_away_is_missed(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    more = replace(
+        HILLS.recipe, algorithms={**HILLS.recipe.algorithms, "GA": Algorithm("ga", "baselines:GA")}
+    )
+    write_row(tmp_path, *the_row(made / "data"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(BOARDS, "hills", replace(HILLS, recipe=more))
+        assert command("verify", tmp_path) == 1
+        told = capsys.readouterr()
+        assert "asks for a row 'GA'" in told.err and "hills/hill: holds" in told.out
+        assert command("verify", tmp_path, "--algorithms", "Hill") == 0
+
+
 def changed_claim(row: Row, index: int, **entries: object) -> Row:
     claims = list(row.claims)
     claims[index] = replace(claims[index], **entries)  # type: ignore[arg-type]
@@ -253,6 +275,10 @@ def other_settings(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
     return replace(row, settings={"sigma": 0.2}), evidence
 
 
+def another_description(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return replace(row, description="the best of 9 trials"), evidence
+
+
 def a_negative_count(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
     return changed_claim(row, of(row, True), rollouts=-5.0), evidence
 
@@ -281,6 +307,7 @@ FORGERIES: dict[Forgery, str] = {
     a_share_that_fails_in_one_context: "tells what many have",
     another_budget: "its budget is 30",
     other_settings: "its settings is",
+    another_description: "its description is",
     a_negative_count: "took -5.0 rollouts",
     a_failure_as_the_solving_one: "the solving trajectory fails",
     a_success_left_out: "has no trajectory that tells since when",

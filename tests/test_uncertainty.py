@@ -156,9 +156,9 @@ def test_each_member_trains_on_batches_of_its_own() -> None:
 def test_pretraining_gives_each_member_its_batches(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[tuple[int, ...]] = []
 
-    def loss(network: ConditionalNeuralProcess, batch: PointBatch) -> th.Tensor:
+    def loss(network: ConditionalNeuralProcess, batch: PointBatch, beta: float) -> th.Tensor:
         seen.append(tuple(batch.condition.shape))
-        return negative_log_likelihood(network, batch)
+        return negative_log_likelihood(network, batch, beta)
 
     monkeypatch.setattr(cnmp_training, "negative_log_likelihood", loss)
     cnmp = CNMP(1, (T, 1), ENSEMBLE)

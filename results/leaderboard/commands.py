@@ -144,9 +144,12 @@ def _write_rows(boards: dict[str, Any], data: Path, options: argparse.Namespace)
 
 
 def _verify(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> int:
-    from results.leaderboard.verify import verify_row
+    from results.leaderboard.verify import missing_rows, verify_row
 
     status = HOLDS
+    for problem in missing_rows(data, boards) if options.algorithms is None else ():
+        status = FAILS
+        print(problem, file=sys.stderr)
     for path in _rows(boards, data, options):
         verdict = verify_row(path)
         print(f"{verdict.name}: {'holds' if not verdict.problems else 'FAILS'} ({verdict.how})")

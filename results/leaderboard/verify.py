@@ -1,10 +1,10 @@
 """`verify`: simulate every stored trajectory again, and hold it to what its row claims.
 
 What this shows: these trajectories, in the contexts that the board's seeds give, earn these
-rewards; and every run that the board asks for is there once. What it cannot show is after how many
-rollouts a trajectory was found, what the mean over the budget was, and over many contexts which
-share fails beyond those whose answers are kept, but for what these make incredible: for that runs
-must be done again, which `check` does.
+rewards; and every row and run that the board asks for is there once. What it cannot show is after
+how many rollouts a trajectory was found, what the mean over the budget was, and over many contexts
+which share fails beyond those whose answers are kept, but for what these make incredible: for that
+runs must be done again, which `check` does.
 """
 
 import json
@@ -23,7 +23,7 @@ from results.harness.machine import machine
 from results.harness.provenance import provenance
 from results.harness.specification import RunSpecification, plain
 from results.leaderboard.boards import BOARDS, Board
-from results.leaderboard.files import digest, read_row
+from results.leaderboard.files import digest, read_row, row_path
 from results.leaderboard.rows import Claim, Evidence, Row
 from results.stream.evaluation import N_KEPT
 from results.stream.protocol import Stream
@@ -71,6 +71,24 @@ def verify_row(path: Path, boards: dict[str, Board] = BOARDS) -> Verdict:
     return Verdict(name, how, problems)
 
 
+def missing_rows(data: Path, boards: dict[str, Board]) -> list[str]:
+    """Return a sentence for each row that a board asks for, and that has no file.
+
+    A row that somebody took away would otherwise hold.
+
+    :param data: of all boards
+    :param boards: those whose rows are wanted, by name
+    """
+    return [
+        f"{name}: the board asks for a row '{label}', and '{row_path(data, name, label)}' is "
+        f"missing. Restore it from the repository, or make it with 'nmp-bench leaderboard update "
+        f'--board {name} --algorithms "{label}"\'.'
+        for name, board in boards.items()
+        for label in board.labels
+        if not row_path(data, name, label).exists()
+    ]
+
+
 def comparison(row: Row) -> tuple[str, float]:
     """Return how a row's rewards compare here, in words, and the tolerance.
 
@@ -116,7 +134,7 @@ def _about_files(
     runs = _runs(row, boards[row.board])
     wanted = next(iter(runs.values())).record
     wanted = replace(wanted, protocol=wanted.protocol.shared)
-    for name in ("algorithm", "settings", "task", "budget", "protocol"):
+    for name in ("description", "algorithm", "settings", "task", "budget", "protocol"):
         said, asked = getattr(row, name), getattr(wanted, name)
         if said != as_known_then(asked, said):
             yield f"its {name} is {said}, but the board asks for {asked}"

@@ -17,9 +17,10 @@ class CNMPArchitecture(Presets):
 
     Training begins with the linear regression of the demonstrations on their contexts, and learns
     what that leaves, with smooth layers: those with corners go astray beyond the demonstrations
-    (``results/experiments/acnmp.md``). ``CNMPArchitecture.preset("latent")`` has none of that, nor
-    the context in the decoder: all that tells trajectories apart is in the representation, as where
-    two robots share one, or a latent space is looked at.
+    (``results/experiments/acnmp.md``). What is met badly goes on to count (``beta_nll``).
+    ``CNMPArchitecture.preset("latent")`` has none of that, nor the context in the decoder: all that
+    tells trajectories apart is in the representation, as where two robots share one, or a latent
+    space is looked at.
 
     >>> from sb3_nmp import CNMPArchitecture
     >>> CNMPArchitecture.preset("latent").context_in_decoder
@@ -38,13 +39,18 @@ class CNMPArchitecture(Presets):
     :param n_frequencies: of the time features; 0 feeds time as it is, as the thesis does
     :param min_std: smallest standard deviation of the output, in units of the demonstrations'
         own; without it, Eq. 4.1 has no bound once the demonstrations are met exactly
+    :param beta_nll: in the training on demonstrations each point's likelihood is weighed by its
+        predicted variance to this power (Seitzer et al., "On the pitfalls of heteroscedastic
+        uncertainty estimation", 2022, who recommend 0.5). 0 is Eq. 4.1 alone: a point that is met
+        badly is given a large standard deviation, and hardly counts from then on
     :param activation_fn: between the layers
     :param n_members: of an ensemble of such networks, each with its own first weights and batches:
         it answers with their mean, and their spread tells what the demonstrations leave open
     :param n_modes: the most ways to do the task that are told apart among the demonstrations, by a
         categorical latent (chapter 7 names it as future work). 1 takes all for one way: two ways,
         such as left and right of an obstacle, are averaged
-    :raises ConfigurationError: ``n_members`` or ``n_modes`` is no whole number >= 1
+    :raises ConfigurationError: ``n_members`` or ``n_modes`` is no whole number >= 1, or
+        ``beta_nll`` is outside [0, 1]
     """
 
     representation_dim: int = 16
@@ -59,9 +65,15 @@ class CNMPArchitecture(Presets):
     n_members: int = 5
     n_modes: int = 1
     fitted_trend: bool = True
+    beta_nll: float = 0.5
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "latent": {"context_in_decoder": False, "fitted_trend": False, "activation_fn": nn.ReLU}
+        "latent": {
+            "context_in_decoder": False,
+            "fitted_trend": False,
+            "activation_fn": nn.ReLU,
+            "beta_nll": 0.0,
+        }
     }
 
     @property
@@ -70,8 +82,13 @@ class CNMPArchitecture(Presets):
         return self.linear_trend and self.fitted_trend
 
     def __post_init__(self) -> None:
-        """Check the numbers of members and of modes."""
+        """Check the numbers of members and of modes, and the weight of points."""
         for name in ("n_members", "n_modes"):
             value = getattr(self, name)
             if int(value) != value or value < 1:
                 raise ConfigurationError(f"{name} is {value}; it must be a whole number >= 1.")
+        if not 0 <= self.beta_nll <= 1:
+            raise ConfigurationError(
+                f"beta_nll is {self.beta_nll}; it must lie in [0, 1]: 0 is the likelihood alone, 1 "
+                "weighs all errors of the mean alike."
+            )

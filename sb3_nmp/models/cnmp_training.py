@@ -157,28 +157,39 @@ def encode_shown(network: ConditionalNeuralProcess, batch: PointBatch) -> th.Ten
 
 
 def target_likelihood(
-    network: ConditionalNeuralProcess, batch: PointBatch, representation: th.Tensor
+    network: ConditionalNeuralProcess,
+    batch: PointBatch,
+    representation: th.Tensor,
+    beta: float = 0.0,
 ) -> th.Tensor:
     """Return Eq. 4.1 for a representation, averaged over members and target points.
 
     :param network: the conditional neural process
     :param batch: points of demonstrations
     :param representation: of each member, shape ([E,] B, Z)
+    :param beta: points weigh as their predicted variance to this power, which no gradient goes
+        through; see `CNMPArchitecture`
     :return: the negative log-likelihood, summed over dimensions
     """
     n_seen = batch.seen.shape[-1]
     targets = batch.values[..., n_seen:, :]
     predicted = network.decode_members(batch.times[..., n_seen:], representation, batch.condition)
-    return -predicted.log_prob(targets).sum(dim=-1).mean()
+    likelihood = predicted.log_prob(targets)
+    if beta > 0:
+        likelihood = likelihood * predicted.variance.detach() ** beta
+    return -likelihood.sum(dim=-1).mean()
 
 
-def negative_log_likelihood(network: ConditionalNeuralProcess, batch: PointBatch) -> th.Tensor:
+def negative_log_likelihood(
+    network: ConditionalNeuralProcess, batch: PointBatch, beta: float = 0.0
+) -> th.Tensor:
     """Return Eq. 4.1, averaged over members and target points, summed over dimensions.
 
     :param network: the conditional neural process
     :param batch: points of demonstrations
+    :param beta: see `target_likelihood`
     """
-    return target_likelihood(network, batch, encode_shown(network, batch))
+    return target_likelihood(network, batch, encode_shown(network, batch), beta)
 
 
 def pretrain(
@@ -187,7 +198,7 @@ def pretrain(
     rng: np.random.Generator,
     cnmp: CNMP | None = None,
 ) -> CNMP:
-    """Train a CNMP on demonstrations by maximum likelihood (Eq. 4.1).
+    """Train a CNMP on demonstrations by maximum likelihood (Eq. 4.1), weighed by ``beta_nll``.
 
     :param demonstrations: of one shape, at least one
     :param settings: of the training
@@ -218,7 +229,7 @@ def pretrain(
             batches = sampler.draw(min(CHUNK, settings.n_steps - step))
         rate = cosine(settings.learning_rate, step / settings.n_steps)
         update_learning_rate(optimizer, rate)
-        loss = negative_log_likelihood(cnmp.network, batches[step % CHUNK])
+        loss = negative_log_likelihood(cnmp.network, batches[step % CHUNK], cnmp.network.beta_nll)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()

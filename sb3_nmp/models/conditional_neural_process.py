@@ -31,6 +31,7 @@ class ConditionalNeuralProcess(nn.Module):
         super().__init__()
         a, code, n = architecture, architecture.representation_dim, architecture.n_members
         self.representation_dim, self.min_std, self.n_members = code, a.min_std, n
+        self.beta_nll = a.beta_nll
         self.condition_in_decoder = a.context_in_decoder
         self.condition_in_trend = a.has_fitted_trend and not a.context_in_decoder
         self.features = TimeFeatures(a.n_frequencies)
