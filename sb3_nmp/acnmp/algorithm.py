@@ -1,7 +1,7 @@
 """`ACNMP`: a network learned from demonstrations, and a search where it fails (thesis ch. 5)."""
 
 import warnings
-from typing import Any, ClassVar, Literal, Self, Unpack, cast, get_args
+from typing import Any, ClassVar, Self, Unpack, cast, get_args
 
 import numpy as np
 import torch as th
@@ -11,17 +11,16 @@ from stable_baselines3.common.type_aliases import GymEnv, Schedule, TensorDict
 from stable_baselines3.common.utils import update_learning_rate
 
 from sb3_nmp.acnmp.distribution import TrajectoryDistribution
-from sb3_nmp.acnmp.exploration import directions
 from sb3_nmp.acnmp.losses import PolicyGradient
 from sb3_nmp.acnmp.policy import ACNMPPolicy
 from sb3_nmp.acnmp.search import PolicySearch
+from sb3_nmp.acnmp.searching import SearchingAlgorithm, SearchKind
 from sb3_nmp.acnmp.settings import ACNMPAdaptation, ACNMPExploration
-from sb3_nmp.bayesian.search import CriticSearch, Subspace, any_has_aimed
+from sb3_nmp.bayesian.search import CriticSearch, any_has_aimed
 from sb3_nmp.bayesian.settings import SEARCH_SPACE, ACNMPCritic
 from sb3_nmp.common import files
-from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
+from sb3_nmp.common.adaptive import AdaptiveArguments
 from sb3_nmp.common.context_search import ContextSearch
-from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import UntrainedWarning
 from sb3_nmp.common.rollouts import Generation, Information
 from sb3_nmp.common.settings import Rules
@@ -34,10 +33,8 @@ from sb3_nmp.models.cnmp_training import (
     pretrain,
 )
 
-SearchKind = Literal["critic", "policy"]
 
-
-class ACNMP(AdaptiveAlgorithm):
+class ACNMP(SearchingAlgorithm):
     """Adaptive conditional neural movement primitives.
 
     The steps are those of Fig. 5.1. (I) A CNMP is trained on the demonstrations (Eq. 4.1). (II-IV)
@@ -81,7 +78,6 @@ class ACNMP(AdaptiveAlgorithm):
     :param pretraining: length and batches of the training on demonstrations
     """
 
-    policy: ACNMPPolicy
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MlpPolicy": ACNMPPolicy}
     rehearses: ClassVar[bool] = True
     tunable: ClassVar[SearchSpace] = SEARCH_SPACE
@@ -102,7 +98,7 @@ class ACNMP(AdaptiveAlgorithm):
         pretraining: CNMPPretraining = CNMPPretraining(),  # noqa: B008 (frozen)
         **shared: Unpack[AdaptiveArguments],
     ) -> None:
-        self.search: SearchKind = search
+        self.search = search
         self.exploration, self.critic = exploration, critic
         self.adaptation, self.pretraining = adaptation, pretraining
         self.is_pretrained = self.has_aimed = False
@@ -229,29 +225,6 @@ class ACNMP(AdaptiveAlgorithm):
                 stacklevel=3,
             )
 
-    # -- the search (VI) -----------------------------------------------------------------------
-
-    def _new_search(self, context: NDArray[np.float32]) -> CriticSearch | PolicySearch:
-        cnmp = self.policy.cnmp
-        row = context.astype(np.float64)
-        shown = self._shown_like(row)
-        along = directions(self.exploration, self.first_scale(), cnmp, shown, row)
-        answer = cnmp.trajectories(row[None])[0]
-        space = Subspace(answer, along)
-        if self.search == "policy":
-            return PolicySearch(space, self.exploration)
-        unit = self._context_unit()
-        return CriticSearch(space, self.exploration.radius, self.critic, unit)
-
-    def _shown_like(self, context: NDArray[np.float64]) -> Demonstrations:
-        """Return the demonstrations of the mode in which the network answers a context (C,)."""
-        cnmp, shown = self.policy.cnmp, cast(Demonstrations, self.demonstrations)
-        if cnmp.gate is None:
-            return shown
-        mode = cnmp.gate(cnmp.normalise_contexts(cnmp.times.new_tensor(context)[None]))
-        same = (cnmp.nearest_modes(shown) == mode).cpu().numpy()
-        return shown[same] if same.any() else shown
-
     # -- simultaneous training (VII, VIII) -----------------------------------------------------
 
     def _adapt(self, searched: list[ContextSearch], solved: list[ContextSearch]) -> None:
@@ -266,12 +239,14 @@ class ACNMP(AdaptiveAlgorithm):
             return
         policy.train()
         gradient = self._policy_gradient(taught) if n_gradients else None
+        network = policy.cnmp.network
+        beta = 0.0 if gradient else network.beta_nll  # beside Eq. 5.2 it is Eq. 4.1 as it is
         highest = self.lr_schedule(self._current_progress_remaining)
         for step, batch in enumerate(self._sampler().draw(n_steps)):
             update_learning_rate(policy.optimizer, cosine(highest, step / n_steps))
             losses = []
             if settings.supervised:
-                losses.append(negative_log_likelihood(policy.cnmp.network, batch))
+                losses.append(negative_log_likelihood(network, batch, beta))
             if gradient is not None and step < n_gradients:
                 losses.append(gradient.loss())
             for loss in losses:

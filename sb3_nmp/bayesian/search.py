@@ -261,7 +261,7 @@ def any_has_aimed(searched: list[ContextSearch]) -> bool:
 
     :param searched: with a critic or without
     """
-    return any(isinstance(each.search, CriticSearch) and each.search.has_aimed for each in searched)
+    return any(getattr(each.search, "has_aimed", False) for each in searched)
 
 
 def best_and_newest(rewards: FloatArray, n: int) -> NDArray[np.intp]:

@@ -39,10 +39,11 @@ class CNMPArchitecture(Presets):
     :param n_frequencies: of the time features; 0 feeds time as it is, as the thesis does
     :param min_std: smallest standard deviation of the output, in units of the demonstrations'
         own; without it, Eq. 4.1 has no bound once the demonstrations are met exactly
-    :param beta_nll: in the training on demonstrations each point's likelihood is weighed by its
-        predicted variance to this power (Seitzer et al., "On the pitfalls of heteroscedastic
-        uncertainty estimation", 2022, who recommend 0.5). 0 is Eq. 4.1 alone: a point that is met
-        badly is given a large standard deviation, and hardly counts from then on
+    :param beta_nll: in the training on demonstrations and solutions each point's likelihood is
+        weighed by its predicted variance to this power (Seitzer et al., "On the pitfalls of
+        heteroscedastic uncertainty estimation", 2022, who recommend 0.5), but where it alternates
+        with a policy gradient. 0 is Eq. 4.1 alone: a point that is met badly is given a large
+        standard deviation, and hardly counts from then on
     :param activation_fn: between the layers
     :param n_members: of an ensemble of such networks, each with its own first weights and batches:
         it answers with their mean, and their spread tells what the demonstrations leave open

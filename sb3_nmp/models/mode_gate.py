@@ -9,9 +9,14 @@ from numpy.typing import NDArray
 from sklearn.linear_model import LogisticRegression
 from torch import nn
 
+from sb3_nmp.models.mode_success import ModeSuccess
+
 
 class ModeGate(nn.Module):
-    """Softmax regression from contexts to modes.
+    """Softmax regression from contexts to modes, until an answer is known to have failed.
+
+    From then on the mode whose answer most likely succeeds is chosen (`ModeSuccess`): which way
+    was shown somewhere tells little of which way succeeds there.
 
     >>> gate = ModeGate(context_dim=1, n_modes=2)
     >>> left = th.tensor([[-1.0], [-0.8], [-0.9], [-0.7], [0.9]])
@@ -29,6 +34,7 @@ class ModeGate(nn.Module):
     def __init__(self, context_dim: int, n_modes: int) -> None:
         super().__init__()
         self.n_modes = n_modes
+        self.outcomes = ModeSuccess(context_dim, n_modes)
         self.register_buffer("slopes", th.zeros(n_modes, context_dim))
         self.register_buffer("offsets", th.zeros(n_modes))
 
@@ -43,6 +49,8 @@ class ModeGate(nn.Module):
         :param contexts: standardised, shape (N, C)
         :param modes: of each, from 0 on, shape (N,)
         """
+        if self.outcomes.is_to_learn:
+            self.outcomes.learn(contexts, th.as_tensor(modes, device=contexts.device))
         taken = np.unique(modes)
         self.slopes.zero_()
         self.offsets.fill_(-th.inf)
@@ -59,7 +67,11 @@ class ModeGate(nn.Module):
 
         :param contexts: standardised, shape (N, C)
         """
-        return (contexts @ self.slopes.T + self.offsets).log_softmax(dim=1)
+        shown = contexts @ self.slopes.T + self.offsets
+        if not self.outcomes.knows_failures:
+            return shown.log_softmax(dim=1)
+        odds = self.outcomes(contexts).masked_fill(~self.is_taken, -th.inf)
+        return nn.functional.logsigmoid(odds).log_softmax(dim=1)
 
     def forward(self, contexts: th.Tensor) -> th.Tensor:
         """Return the likeliest mode, shape (N,).

@@ -1,0 +1,128 @@
+"""`ModeSuccess`: how likely the answer of each mode succeeds in a context.
+
+Shape letters: N contexts, M answers that were tried, C context, K modes.
+"""
+
+import warnings
+from typing import Any, ClassVar, cast
+
+import numpy as np
+import torch as th
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.gaussian_process import GaussianProcessClassifier
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel
+
+from sb3_nmp.common.growing import GrowingModule
+
+#: answers that are remembered, the newest ones
+N_REMEMBERED = 300
+#: learned anew when so many times the answers are known
+RELEARN = 1.1
+#: log-odds of a mode of which no failure is known: nine of ten succeed
+UNFAILED = float(np.log(9.0))
+KERNEL = ConstantKernel(4.0, (0.1, 1e3)) * RBF(1.0, (0.1, 30.0))
+
+
+class ModeSuccess(GrowingModule):
+    """Gaussian process classification of contexts, one for each mode.
+
+    Rasmussen and Williams, "Gaussian processes for machine learning", 2006, chapter 3, by
+    scikit-learn; here is the mean of the latent function alone.
+
+    >>> outcomes = ModeSuccess(context_dim=1, n_modes=2)
+    >>> tried = th.tensor([[-1.0], [-0.8], [0.8], [1.0]])
+    >>> outcomes.remember(tried, th.zeros(4, dtype=th.long), th.tensor([True, True, False, False]))
+    >>> outcomes.learn(tried[:0], th.zeros(0, dtype=th.long))
+    >>> outcomes(th.tensor([[0.9]])).argmax().item()  # of mode 1 no failure is known
+    1
+
+    :param context_dim: C
+    :param n_modes: K
+    """
+
+    growing: ClassVar[tuple[str, ...]] = (
+        "tried_contexts", "tried_modes", "tried_successes", "contexts", "weights",
+    )  # fmt: skip
+
+    tried_contexts: th.Tensor
+    tried_modes: th.Tensor
+    tried_successes: th.Tensor
+    contexts: th.Tensor
+    weights: th.Tensor
+    lengths: th.Tensor
+    variances: th.Tensor
+    n_tried: th.Tensor
+    n_learned: th.Tensor
+
+    def __init__(self, context_dim: int, n_modes: int) -> None:
+        super().__init__()
+        self.n_modes = n_modes
+        self.register_buffer("tried_contexts", th.empty(0, context_dim))
+        self.register_buffer("tried_modes", th.empty(0, dtype=th.long))
+        self.register_buffer("tried_successes", th.empty(0, dtype=th.bool))
+        self.register_buffer("contexts", th.empty(0, context_dim))
+        self.register_buffer("weights", th.empty(0, n_modes))  # of each mode for each context
+        self.register_buffer("lengths", th.ones(n_modes))
+        self.register_buffer("variances", th.zeros(n_modes))
+        self.register_buffer("n_tried", th.zeros((), dtype=th.long))  # ever
+        self.register_buffer("n_learned", th.zeros((), dtype=th.long))
+
+    @property
+    def knows_failures(self) -> bool:
+        """Whether any answer that failed has been learned from."""
+        return bool((self.variances > 0).any())
+
+    @property
+    def is_to_learn(self) -> bool:
+        """Whether so many more answers are known that they are to be learned."""
+        return int(self.n_tried) > RELEARN * int(self.n_learned)
+
+    def remember(self, contexts: th.Tensor, modes: th.Tensor, successes: th.Tensor) -> None:
+        """Take note of answers that were tried; `learn` learns from them.
+
+        :param contexts: standardised, shape (M, C)
+        :param modes: that answered, shape (M,)
+        :param successes: whether each did, shape (M,)
+        """
+        self.n_tried += len(modes)
+        for name, new in (("contexts", contexts), ("modes", modes), ("successes", successes)):
+            known = getattr(self, f"tried_{name}")
+            setattr(self, f"tried_{name}", th.cat([known, new.to(known)])[-N_REMEMBERED:])
+
+    def learn(self, shown: th.Tensor, modes: th.Tensor) -> None:
+        """Learn from what was tried, and from demonstrations, which succeed in their mode.
+
+        :param shown: contexts of the demonstrations, standardised, shape (N, C)
+        :param modes: theirs, shape (N,)
+        """
+        self.n_learned.copy_(self.n_tried)
+        self.contexts = th.cat([self.tried_contexts, shown.to(self.tried_contexts)])
+        of_mode = th.cat([self.tried_modes, modes.to(self.tried_modes)])
+        succeeded = th.cat([self.tried_successes, th.ones_like(modes, dtype=th.bool)])
+        self.weights = self.weights.new_zeros(len(self.contexts), self.n_modes)
+        self.variances.zero_()
+        for mode in range(self.n_modes):
+            rows = of_mode == mode
+            if succeeded[rows].any() and not succeeded[rows].all():
+                self._learn_mode(mode, rows, succeeded[rows])
+
+    def _learn_mode(self, mode: int, rows: th.Tensor, succeeded: th.Tensor) -> None:
+        seen = self.contexts[rows].cpu().numpy().astype(np.float64)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ConvergenceWarning)  # a length at its bound will do
+            found = GaussianProcessClassifier(KERNEL).fit(seen, succeeded.cpu().numpy())
+        process = cast(Any, found.base_estimator_)  # binary: no one-against-the-rest around it
+        variance, length = np.exp(process.kernel_.theta)
+        self.variances[mode], self.lengths[mode] = float(variance), float(length)
+        left = process.y_train_ - process.pi_
+        self.weights[rows, mode] = th.as_tensor(left, dtype=th.float32, device=self.weights.device)
+
+    def forward(self, contexts: th.Tensor) -> th.Tensor:
+        """Return the log-odds of each mode's success, shape (N, K).
+
+        :param contexts: standardised, shape (N, C)
+        """
+        squares = (contexts[:, None] - self.contexts).square().sum(dim=2)
+        kernels = self.variances * th.exp(-0.5 * squares[..., None] / self.lengths.square())
+        found = (kernels * self.weights).sum(dim=1)
+        return th.where(self.variances > 0, found, UNFAILED)
