@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch as th
 
-from sb3_nmp import ACNMP, CNMPArchitecture, CNMPPretraining
+from sb3_nmp import ACNMP, ACNMPAdaptation, CNMPArchitecture, CNMPPretraining
 from sb3_nmp.acnmp.ways import WaysSearch
 from sb3_nmp.models.mode_gate import ModeGate
 from sb3_nmp.models.mode_success import N_REMEMBERED, ModeSuccess
@@ -34,6 +34,16 @@ class OneWay(Asked):
         path = np.asarray(action)[None]
         success = not self.fails(np.atleast_2d(self.height), path)[0]
         return context, reward, terminated, truncated, info | {"is_success": bool(success)}
+
+
+class Narrow(OneWay):
+    """One in which neither answer suffices at great heights."""
+
+    @staticmethod
+    def fails(heights: np.ndarray, paths: np.ndarray) -> np.ndarray:
+        """Return which paths (N, T, 1) fail at heights (N, 1)."""
+        too_near = np.abs(paths[:, 10, 0] - heights[:, 0]) < 1.1
+        return OneWay.fails(heights, paths) | (too_near & (heights[:, 0] > 0.5))
 
 
 def build(env: gym.Env[Any, Any] | None = None, **more: Any) -> ACNMP:
@@ -103,6 +113,26 @@ def test_the_gate_survives_saving_and_answers_as_onnx(tmp_path: Path) -> None:
     gates = [each.policy.cnmp.gate for each in (model, again)]
     assert all(gate is not None and gate.outcomes.knows_failures for gate in gates)
     assert failures(again.learn(20, reset_num_timesteps=False)) < 0.1
+
+
+def test_answers_that_satisfied_are_learned_beside_solutions() -> None:
+    """And nothing of contexts that were searched, or are."""
+    model = build(
+        n_successes=2,
+        max_generations=30,
+        adaptation=ACNMPAdaptation(keep_answers=True, n_assimilation_steps=2),
+        env=Narrow(),
+    ).learn(120)
+    contexts, answers = model._satisfying_answers()
+    searched = {float(each.context[0]) for each in model.searches}
+    searched |= set(model.replay_buffer.contexts[:, 0].tolist())
+    assert len(contexts) > 10 and len(searched) > 1
+    assert not searched & set(contexts[:, 0].tolist())
+    assert not Narrow.fails(contexts, answers).any()
+    n_known = len(model.training_set())
+    assert len(model._sampler().values) == n_known + len(contexts)
+    model.adaptation = ACNMPAdaptation()
+    assert len(model._sampler().values) == n_known
 
 
 def test_a_search_under_way_is_saved(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from results.algorithms import ACNMP, RCNMP, TWINS, twins
 from results.harness.suite import Recipe
 from results.stream.protocol import Stream
 from results.suites.random_bottles import TASKS, twin
-from sb3_nmp import CNMPArchitecture
+from sb3_nmp import ACNMPAdaptation, CNMPArchitecture
 from sb3_nmp.rcnmp.skill import RCNMPSkill
 
 #: contexts that ACNMP and its twins try at once, and rollouts of each generation
@@ -23,7 +23,11 @@ ALGORITHMS = {
     "twin, ridge": twin("ridge"),
     "ACNMP, two modes": replace(
         ACNMP,
-        settings=TOGETHER | {"policy_kwargs": {"cnmp": CNMPArchitecture(n_modes=2)}},
+        settings=TOGETHER
+        | {
+            "policy_kwargs": {"cnmp": CNMPArchitecture(n_modes=2)},
+            "adaptation": ACNMPAdaptation(keep_answers=True),
+        },
         description="a categorical latent tells two ways apart",
     ),
     "ACNMP, one mode": replace(ACNMP, settings=TOGETHER),

@@ -19,6 +19,7 @@ from sb3_nmp.bayesian.settings import ACNMPCritic
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm
 from sb3_nmp.common.context_search import ContextSearch, thresholds
 from sb3_nmp.common.demonstrations import Demonstrations
+from sb3_nmp.common.elites import SAME_CONTEXT
 from sb3_nmp.common.rollouts import Generation
 
 SearchKind = Literal["critic", "policy"]
@@ -119,3 +120,15 @@ class SearchingAlgorithm(AdaptiveAlgorithm):
         if cnmp.gate is not None:
             cnmp.gate.outcomes.remember(self._standardised(contexts), modes, satisfied)
             cnmp.teach_gate(known, cnmp.nearest_modes(known))
+
+    def _satisfying_answers(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return contexts (N, C) and answers (N, T, D) that satisfied without any search."""
+        elites, least_reward = self.policy.elites, thresholds(self.reward_threshold)[0]
+        searched = np.concatenate(
+            [self.replay_buffer.contexts, *(each.context[None] for each in self.searches)]
+        )
+        contexts = elites.contexts.cpu().numpy()
+        satisfied = (elites.solved & (elites.rewards >= least_reward)).cpu().numpy()
+        apart = np.abs(contexts[:, None] - searched).max(axis=2) > SAME_CONTEXT
+        rows = satisfied & apart.all(axis=1)
+        return contexts[rows], elites.trajectories.cpu().numpy()[rows]

@@ -90,6 +90,9 @@ class ACNMPAdaptation(Presets):
         thesis's RL-only ablation
     :param n_training_steps: pairs of alternating steps after a generation; 0 leaves the policy
         gradient out
+    :param keep_answers: in a stream of contexts, train on the answers that satisfied too, so that a
+        few solutions do not upset them. It pays where few demonstrations stand for many contexts
+        and ways; where solutions come by the hundred it slows learning from these
     :param n_assimilation_steps: steps of supervised learning after contexts have been assimilated;
         none in a pinned context where the policy gradient `imitates` the solution
     :raises ConfigurationError: a value outside its range
@@ -101,6 +104,7 @@ class ACNMPAdaptation(Presets):
     supervised: bool = True
     n_training_steps: int = 20
     n_assimilation_steps: int = 50
+    keep_answers: bool = False
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         advantage: {"advantage": advantage, "reward_weight": 5.0, "n_training_steps": 30}
@@ -116,6 +120,7 @@ class ACNMPAdaptation(Presets):
             "reward_weight": (self.reward_weight >= 0, ">= 0"),
             "n_training_steps": (self.n_training_steps >= 0, ">= 0"),
             "n_assimilation_steps": (self.n_assimilation_steps >= 0, ">= 0"),
+            "keep_answers": (isinstance(self.keep_answers, bool), "True or False"),
         }
         check_rules(self, rules)
 
