@@ -96,6 +96,7 @@ BAD: dict[str, tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]] = {
         ("a time step per evaluation",),
     ),
     "time backwards": ({"timesteps": np.array([10, 5, 30])}, {}, ("[10, 5, 30]", "ascend")),
+    "half a step": ({"timesteps": np.array([10.5, 20, 30])}, {}, ("[10.5, 20.0", "whole number")),
     "a reward of nan": ({"results": np.full((3, 2), np.nan)}, {}, ("nan", "finite")),
     "long episodes": (
         {"ep_lengths": np.full((3, 2), 50)}, {},

@@ -223,6 +223,11 @@ def test_bad_input_of_translate(transfer: SkillTransfer) -> None:
         transfer.translate(TARGET.trajectories[0])
     with pytest.raises(InvalidDataError, match="not finite"):
         transfer.translate(np.full((4, 2), np.nan))
+    for wrong in ("a text", [["q"]], [[0.0, 1.0], [0.0]]):
+        with pytest.raises(InvalidDataError, match="trajectories are not an array of numbers"):
+            transfer.translate(wrong)  # type: ignore[call-overload]
+    with pytest.raises(InvalidDataError, match="times are not an array of numbers"):
+        transfer.translate(np.zeros((4, 2)), times="now")  # type: ignore[call-overload]
     with pytest.raises(InvalidDataError, match=r"4 times in \[0, 1\]"):
         transfer.translate(np.zeros((4, 2)), times=[0, 1, 2, 3])
     with pytest.raises(ConfigurationError, match="'source' or 'target'"):

@@ -127,7 +127,12 @@ def _read(source: Source) -> dict[str, NDArray[Any]]:
 
 def _curve(source: Source, found: dict[str, NDArray[Any]]) -> dict[str, list[Any]]:
     """Return the curve of a run in one context."""
-    steps, results = found["timesteps"].astype(np.int64), found["results"].astype(np.float64)
+    told, results = found["timesteps"], found["results"].astype(np.float64)
+    if not np.equal(np.mod(told, 1), 0).all():
+        raise BenchmarkError(
+            f"'{source.path}' holds time steps {told.tolist()[:9]}; each must be a whole number."
+        )
+    steps = told.astype(np.int64)
     if not np.isfinite(results).all() or steps[0] < 0 or (np.diff(steps) <= 0).any():
         raise BenchmarkError(
             f"'{source.path}' holds time steps {steps.tolist()[:9]} and results from "

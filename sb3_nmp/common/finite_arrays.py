@@ -27,10 +27,7 @@ def finite_array(
                 f"the {name} have mixed shapes ({', '.join(map(str, shapes))}): all must have the "
                 "same number of time points and dimensions; sb3_nmp.resample brings them to one."
             )
-    try:
-        array = np.array(values, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidDataError(f"the {name} are not an array of numbers: {error}") from error
+    array = numbers(name, values)
     if array.ndim != n_dimensions and array.size:
         raise InvalidDataError(f"the {name} have shape {array.shape}; they need {shape}.")
     if array.ndim != n_dimensions:
@@ -42,3 +39,16 @@ def finite_array(
         )
     array.setflags(write=False)
     return array
+
+
+def numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """Return a float64 copy.
+
+    :param name: of the array, a plural
+    :param values: of it
+    :raises InvalidDataError: texts, other objects, or rows of mixed lengths
+    """
+    try:
+        return np.array(values, np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidDataError(f"the {name} are not an array of numbers: {error}") from error

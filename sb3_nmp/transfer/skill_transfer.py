@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from sb3_nmp.common import files
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import ConfigurationError, InvalidDataError
+from sb3_nmp.common.finite_arrays import numbers
 from sb3_nmp.models.cnmp import CNMP, CNMPArchitecture
 from sb3_nmp.transfer.proxy_skills import ProxySkills
 from sb3_nmp.transfer.settings import TransferTraining
@@ -241,7 +242,7 @@ def _points(
     trajectories: ArrayLike, times: ArrayLike | None, cnmp: CNMP, robot: Robot
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return conditioning points, shape (N, O, D), and their times, shape (O,), checked."""
-    values = np.asarray(trajectories, np.float64)
+    values = numbers("trajectories", trajectories)
     values = values[None] if values.ndim == 2 else values
     n_joints = len(cnmp.value_mean)
     if values.ndim != 3 or values.shape[2] != n_joints or 0 in values.shape:
@@ -252,7 +253,7 @@ def _points(
     if not np.isfinite(values).all():
         raise InvalidDataError("the trajectories hold a value that is not finite.")
     n = values.shape[1]
-    at = np.linspace(0.0, 1.0, n) if times is None else np.asarray(times, np.float64)
+    at = np.linspace(0.0, 1.0, n) if times is None else numbers("times", times)
     if at.shape != (n,) or not ((at >= 0) & (at <= 1)).all():
         raise InvalidDataError(
             f"times has shape {at.shape}; it must be {n} times in [0, 1], one for each point."
