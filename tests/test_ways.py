@@ -172,7 +172,7 @@ def test_answers_succeed_where_others_near_did() -> None:
     odds = outcomes(th.tensor([[-0.8], [0.8]]))
     assert odds[:, :2].argmax(dim=1).tolist() == [1, 0]
     assert (odds[:, :2].amin(dim=1) < 0).all() and (odds[:, :2].amax(dim=1) > 0).all()
-    assert (odds[:, 2] > 0).all()  # nothing is known of mode 2: it is given a chance
+    assert (odds[:, 2] == 0).all()  # nothing is known of mode 2
 
 
 def test_only_the_newest_answers_are_remembered() -> None:

@@ -11,12 +11,15 @@ from torch import nn
 
 from sb3_nmp.models.mode_success import ModeSuccess
 
+#: weight of which mode was shown where, once there are rollouts that failed
+SHOWN = 0.3
+
 
 class ModeGate(nn.Module):
     """Softmax regression from contexts to modes, until an answer is known to have failed.
 
     From then on the mode whose answer most likely succeeds is chosen (`ModeSuccess`): which way
-    was shown somewhere tells little of which way succeeds there.
+    was shown somewhere tells less (`SHOWN`) of which way succeeds there.
 
     >>> gate = ModeGate(context_dim=1, n_modes=2)
     >>> left = th.tensor([[-1.0], [-0.8], [-0.9], [-0.7], [0.9]])
@@ -70,8 +73,8 @@ class ModeGate(nn.Module):
         shown = contexts @ self.slopes.T + self.offsets
         if not self.outcomes.knows_failures:
             return shown.log_softmax(dim=1)
-        odds = self.outcomes(contexts).masked_fill(~self.is_taken, -th.inf)
-        return nn.functional.logsigmoid(odds).log_softmax(dim=1)
+        succeeds = nn.functional.logsigmoid(self.outcomes(contexts))
+        return (succeeds + SHOWN * shown.log_softmax(dim=1)).log_softmax(dim=1)
 
     def forward(self, contexts: th.Tensor) -> th.Tensor:
         """Return the likeliest mode, shape (N,).

@@ -11,6 +11,7 @@ import torch as th
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessClassifier
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
+from torch import nn
 
 from sb3_nmp.common.growing import GrowingModule
 
@@ -18,22 +19,22 @@ from sb3_nmp.common.growing import GrowingModule
 N_REMEMBERED = 300
 #: learned anew when so many times the answers are known
 RELEARN = 1.1
-#: log-odds of a mode of which no failure is known: nine of ten succeed
-UNFAILED = float(np.log(9.0))
 KERNEL = ConstantKernel(4.0, (0.1, 1e3)) * RBF(1.0, (0.1, 30.0))
+#: between contexts of two modes, far beyond any length: a success tells nothing of another mode
+APART = 1e3
 
 
 class ModeSuccess(GrowingModule):
-    """Gaussian process classification of contexts, one for each mode.
+    """Gaussian process classification of contexts and modes.
 
     Rasmussen and Williams, "Gaussian processes for machine learning", 2006, chapter 3, by
-    scikit-learn; here is the mean of the latent function alone.
+    scikit-learn; here is the mean of the latent function alone. Where nothing is known it is 0.
 
     >>> outcomes = ModeSuccess(context_dim=1, n_modes=2)
     >>> tried = th.tensor([[-1.0], [-0.8], [0.8], [1.0]])
     >>> outcomes.remember(tried, th.zeros(4, dtype=th.long), th.tensor([True, True, False, False]))
     >>> outcomes.learn(tried[:0], th.zeros(0, dtype=th.long))
-    >>> outcomes(th.tensor([[0.9]])).argmax().item()  # of mode 1 no failure is known
+    >>> outcomes(th.tensor([[0.9]])).argmax().item()  # of mode 1 nothing is known
     1
 
     :param context_dim: C
@@ -49,8 +50,8 @@ class ModeSuccess(GrowingModule):
     tried_successes: th.Tensor
     contexts: th.Tensor
     weights: th.Tensor
-    lengths: th.Tensor
-    variances: th.Tensor
+    length: th.Tensor
+    variance: th.Tensor
     n_tried: th.Tensor
     n_learned: th.Tensor
 
@@ -61,16 +62,16 @@ class ModeSuccess(GrowingModule):
         self.register_buffer("tried_modes", th.empty(0, dtype=th.long))
         self.register_buffer("tried_successes", th.empty(0, dtype=th.bool))
         self.register_buffer("contexts", th.empty(0, context_dim))
-        self.register_buffer("weights", th.empty(0, n_modes))  # of each mode for each context
-        self.register_buffer("lengths", th.ones(n_modes))
-        self.register_buffer("variances", th.zeros(n_modes))
+        self.register_buffer("weights", th.empty(0, n_modes))  # 0 but for each context's mode
+        self.register_buffer("length", th.ones(()))
+        self.register_buffer("variance", th.zeros(()))
         self.register_buffer("n_tried", th.zeros((), dtype=th.long))  # ever
         self.register_buffer("n_learned", th.zeros((), dtype=th.long))
 
     @property
     def knows_failures(self) -> bool:
         """Whether any answer that failed has been learned from."""
-        return bool((self.variances > 0).any())
+        return bool(self.variance > 0)
 
     @property
     def is_to_learn(self) -> bool:
@@ -100,22 +101,20 @@ class ModeSuccess(GrowingModule):
         of_mode = th.cat([self.tried_modes, modes.to(self.tried_modes)])
         succeeded = th.cat([self.tried_successes, th.ones_like(modes, dtype=th.bool)])
         self.weights = self.weights.new_zeros(len(self.contexts), self.n_modes)
-        self.variances.zero_()
-        for mode in range(self.n_modes):
-            rows = of_mode == mode
-            if succeeded[rows].any() and not succeeded[rows].all():
-                self._learn_mode(mode, rows, succeeded[rows])
-
-    def _learn_mode(self, mode: int, rows: th.Tensor, succeeded: th.Tensor) -> None:
-        seen = self.contexts[rows].cpu().numpy().astype(np.float64)
+        self.variance.zero_()
+        if succeeded.all() or not succeeded.any():
+            return
+        apart = APART * nn.functional.one_hot(of_mode, self.n_modes)
+        seen = th.cat([self.contexts, apart], dim=1).cpu().numpy().astype(np.float64)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)  # a length at its bound will do
             found = GaussianProcessClassifier(KERNEL).fit(seen, succeeded.cpu().numpy())
         process = cast(Any, found.base_estimator_)  # binary: no one-against-the-rest around it
         variance, length = np.exp(process.kernel_.theta)
-        self.variances[mode], self.lengths[mode] = float(variance), float(length)
-        left = process.y_train_ - process.pi_
-        self.weights[rows, mode] = th.as_tensor(left, dtype=th.float32, device=self.weights.device)
+        self.variance.fill_(float(variance))
+        self.length.fill_(float(length))
+        left = th.as_tensor(process.y_train_ - process.pi_).to(self.weights)
+        self.weights.scatter_(1, of_mode[:, None], left[:, None])
 
     def forward(self, contexts: th.Tensor) -> th.Tensor:
         """Return the log-odds of each mode's success, shape (N, K).
@@ -123,6 +122,4 @@ class ModeSuccess(GrowingModule):
         :param contexts: standardised, shape (N, C)
         """
         squares = (contexts[:, None] - self.contexts).square().sum(dim=2)
-        kernels = self.variances * th.exp(-0.5 * squares[..., None] / self.lengths.square())
-        found = (kernels * self.weights).sum(dim=1)
-        return th.where(self.variances > 0, found, UNFAILED)
+        return self.variance * th.exp(-0.5 * squares / self.length.square()) @ self.weights
