@@ -9,8 +9,8 @@ from results.suites.random_bottles import TASKS, twin
 from sb3_nmp import ACNMPAdaptation, CNMPArchitecture
 from sb3_nmp.rcnmp.skill import RCNMPSkill
 
-#: contexts that ACNMP and its twins try at once, and rollouts of each generation
-TOGETHER: dict[str, object] = {"n_contexts": 20, "population_size": 5}
+#: contexts that ACNMP and its twins try at once
+TOGETHER: dict[str, object] = {"n_contexts": 20}
 ALGORITHMS = {
     "RC-NMP, two modes": replace(
         RCNMP,
