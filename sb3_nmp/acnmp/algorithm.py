@@ -60,6 +60,7 @@ class ACNMP(SearchingAlgorithm):
     environment tells them, unless ``ACNMPCritic(terms=False, achieved=False)``.
 
     >>> import benchmark_envs
+    >>> from sb3_nmp import Demonstrations
     >>> shown = Demonstrations.from_task("nmp/Bottles-v0", 3, seed=0)
     >>> quick = CNMPPretraining(n_steps=20)
     >>> model = ACNMP("MlpPolicy", "nmp/Bottles-v0", demonstrations=shown, pretraining=quick)
