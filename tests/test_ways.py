@@ -36,14 +36,14 @@ class OneWay(Asked):
         return context, reward, terminated, truncated, info | {"is_success": bool(success)}
 
 
-class Narrow(OneWay):
-    """One in which neither answer suffices at great heights."""
+class Farther(OneWay):
+    """One in which neither answer goes far enough at great heights, but a search does."""
 
     @staticmethod
     def fails(heights: np.ndarray, paths: np.ndarray) -> np.ndarray:
         """Return which paths (N, T, 1) fail at heights (N, 1)."""
-        too_near = np.abs(paths[:, 10, 0] - heights[:, 0]) < 1.1
-        return OneWay.fails(heights, paths) | (too_near & (heights[:, 0] > 0.5))
+        far = np.abs(paths[:, 10, 0] - heights[:, 0]) > 1.1
+        return np.where(heights[:, 0] > 0.5, ~far, OneWay.fails(heights, paths))
 
 
 def build(env: gym.Env[Any, Any] | None = None, **more: Any) -> ACNMP:
@@ -122,14 +122,14 @@ def test_answers_that_satisfied_are_learned_beside_solutions() -> None:
         n_successes=2,
         max_generations=30,
         adaptation=ACNMPAdaptation(keep_answers=True, n_assimilation_steps=2),
-        env=Narrow(),
+        env=Farther(),
     ).learn(120)
     contexts, answers = model._satisfying_answers()
     searched = {float(each.context[0]) for each in model.searches}
     searched |= set(model.replay_buffer.contexts[:, 0].tolist())
-    assert len(contexts) > 10 and len(searched) > 1
+    assert len(contexts) > 10 and len(model.replay_buffer) > 1
     assert not searched & set(contexts[:, 0].tolist())
-    assert not Narrow.fails(contexts, answers).any()
+    assert not Farther.fails(contexts, answers).any()
     n_known = len(model.training_set())
     assert len(model._sampler().values) == n_known + len(contexts)
     model.adaptation = ACNMPAdaptation()
