@@ -552,7 +552,10 @@ def test_a_stream_outside_the_demonstrations_teaches_the_policy(
 ) -> None:
     env = Reach(low=1.2, high=2.2)
     model = build(
-        demonstrations, env, adaptation=ACNMPAdaptation(n_assimilation_steps=200)
+        demonstrations,
+        env,
+        adaptation=ACNMPAdaptation(n_assimilation_steps=200),
+        reward_threshold=-0.02,  # a success may be off by 0.05, and nothing is learned from it
     ).pretrain()
     fresh = np.linspace(1.25, 2.15, 20, dtype=np.float32)[:, None]
 
@@ -563,7 +566,7 @@ def test_a_stream_outside_the_demonstrations_teaches_the_policy(
     before = error()
     model.learn(300)
     assert len(model.replay_buffer) >= 1
-    assert error() < 0.4 * before  # all succeed then, and nothing more is learned
+    assert error() < 0.3 * before
 
 
 def test_the_mean_of_the_best_successes_is_assimilated() -> None:

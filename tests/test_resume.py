@@ -123,8 +123,12 @@ def test_a_run_that_was_killed_is_resumed_elsewhere_exported_and_replayed(
     source = [ENV_ID, "--model", str(tmp_path / "resumed.zip"), "--algorithm", kind]
     asked = ["--context", *map(str, context), "--out", str(out)]
     assert main(["export", *source, *asked]) == 0
-    whole = build(algorithm, drawing(1)).learn(BUDGET)
-    own, _ = whole.predict(context, deterministic=True)
+    model = build(algorithm, drawing(1))
+    whole = run(model, BUDGET)
+    again = load(algorithm, checkpoint(tmp_path, 20), drawing(1))
+    rest = run(again, BUDGET - 20, reset_num_timesteps=False)
+    np.testing.assert_array_equal(rest.trajectories, whole.trajectories[20:])
+    own, _ = model.predict(context, deterministic=True)
     read = Demonstrations.from_csv(out)
     np.testing.assert_array_equal(read.trajectories[0], own)
     replayed, expected = (

@@ -139,6 +139,7 @@ def test_answers_that_satisfied_are_learned_beside_solutions() -> None:
 def test_a_search_under_way_is_saved(tmp_path: Path) -> None:
     model = build(n_successes=5).learn(7)  # five answers, and two of other ways
     waiting = [each for each in model.searches if isinstance(each.search, WaysSearch)]
+    assert waiting
     model.save(tmp_path / "model")
     again = ACNMP.load(tmp_path / "model", env=OneWay())
     assert len(again.searches) == len(model.searches)

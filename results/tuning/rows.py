@@ -1,13 +1,11 @@
 """Rows of tables whose settings the committed studies have found."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from results.exceptions import BenchmarkError
 from results.harness.specification import Algorithm
-from results.tuning.study import study_path, with_settings
+from results.tuning.study import read_study, study_path, with_settings
 
 #: that are committed
 STUDIES = Path(__file__).parent / "studies"
@@ -33,14 +31,8 @@ def tuned_rows(suite: str, algorithms: Mapping[str, Algorithm]) -> dict[str, Alg
         path = study_path(STUDIES, suite, label)
         if not path.exists():
             continue
-        try:
-            study = json.loads(path.read_text(encoding="utf-8"))
-            chosen, n_trials = study["best"]["chosen"], len(study["trials"])
-        except (ValueError, KeyError, TypeError) as error:
-            raise BenchmarkError(
-                f"'{path}' is no study that can be read ({error!r}): restore it from the "
-                "repository, or make it anew with nmp-bench tune."
-            ) from error
+        study = read_study(path)
+        chosen, n_trials = study["best"]["chosen"], len(study["trials"])
         if chosen and study["best"]["cost"] is not None:
             told = f"{algorithm.description}; {TRIALS.format(n_trials)}"
             tuned = with_settings(algorithm, chosen)

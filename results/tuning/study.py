@@ -151,24 +151,34 @@ def _check_same_plan(path: Path, plan: TuningPlan) -> None:
 
     :raises BenchmarkError: it was, or cannot be read
     """
-    try:
-        made = json.loads(path.read_text(encoding="utf-8"))["plan"]
-        differ = {name: (made[name], asked) for name, asked in plan.record.items()}
-    except (ValueError, KeyError, TypeError) as error:
-        raise BenchmarkError(
-            f"'{path}' is no study that can be read ({error!r}): restore it, or make it anew with "
-            "--overwrite."
-        ) from error
+    made = read_study(path)["plan"]
     told = "; ".join(
-        f"{name} was {was}, and {asked} is asked"
-        for name, (was, asked) in differ.items()
-        if was != asked
+        f"{name} was {made.get(name)}, and {asked} is asked"
+        for name, asked in plan.record.items()
+        if made.get(name) != asked
     )
     if told:
         raise BenchmarkError(
             f"'{path}' is a study of another plan: {told}. Algorithms are tuned equally: ask for "
             "the same, write to another folder (--out), or do all studies again (--overwrite)."
         )
+
+
+def read_study(path: Path) -> dict[str, Any]:
+    """Return plan, trials and best of what `StudySummary.write` has written.
+
+    :param path: of the file
+    :raises BenchmarkError: it is none
+    """
+    try:
+        study = json.loads(path.read_text(encoding="utf-8"))
+        best = {name: study["best"][name] for name in ("chosen", "cost")}
+        return {"plan": dict(study["plan"]), "trials": list(study["trials"]), "best": best}
+    except (ValueError, KeyError, TypeError) as error:
+        raise BenchmarkError(
+            f"'{path}' is no study that can be read ({error!r}): restore it from the repository, "
+            "or make it anew with nmp-bench tune."
+        ) from error
 
 
 def study_path(folder: Path, suite: str, label: str) -> Path:

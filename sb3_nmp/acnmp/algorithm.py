@@ -283,10 +283,11 @@ class ACNMP(SearchingAlgorithm):
 
     def _sampler(self) -> PointSampler:
         cnmp, known = self.policy.cnmp, self.training_set()
-        cnmp.teach_gate(known, cnmp.nearest_modes(known))
+        modes = cnmp.nearest_modes(known)
+        cnmp.teach_gate(known, modes)
         if self.adaptation.keep_answers and not self._pinned:
             known = known.joined_with(*self._satisfying_answers())
-        modes = cnmp.nearest_modes(known)
+            modes = cnmp.nearest_modes(known)
         return PointSampler(
             self.pretraining,
             cnmp.times,

@@ -82,17 +82,12 @@ class SearchingAlgorithm(AdaptiveAlgorithm):
         return cnmp.normalise_contexts(cnmp.times.new_tensor(contexts))
 
     def _open_searches(self, tried: Generation) -> None:
-        gate, chosen = self.policy.cnmp.gate, th.empty(0)
-        if gate is not None:
-            chosen = gate(self._standardised(tried.contexts))
         super()._open_searches(tried)
-        for each in self.searches:
-            if isinstance(each.search, WaysSearch):
-                each.search.take_news()  # is told here
+        gate = self.policy.cnmp.gate
         if gate is not None and self.search == "critic":
-            least_reward = thresholds(self.reward_threshold)[0]
-            satisfied = tried.successes & (tried.rewards >= least_reward)
-            self._learn_ways(tried.contexts, chosen, th.as_tensor(satisfied))
+            answered_by = gate(self._standardised(tried.contexts))
+            satisfied = th.as_tensor(self._satisfactory(tried))
+            self._learn_ways(tried.contexts, answered_by, satisfied)
 
     def _close_searches(self) -> list[ContextSearch]:
         """Learn which other modes' answers satisfied; where one did, nothing is to be searched."""

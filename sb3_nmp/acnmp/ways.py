@@ -24,7 +24,7 @@ class WaysSearch:
     :param searches: one around each mode's answer
     :param least_reward: of an answer that satisfies
     :param is_answered: whether the answer of a mode satisfied, so that nothing is to be searched
-    :param news: by mode, whether its answer satisfied; of those that were tried of late
+    :param news: by mode, whether its answer satisfied; of the other ways that were tried of late
     :param asked: the places of the searches that the rollouts under way belong to; at first the
         answer that was tried before there was a search
     """
@@ -55,7 +55,7 @@ class WaysSearch:
         return any(each.has_aimed for each in self.searches)
 
     def take_news(self) -> dict[int, bool]:
-        """Return by mode whether its answer satisfied; of those tried since it was asked last."""
+        """Return by mode whether its answer satisfied; of other ways tried since it was asked."""
         told, self.news = self.news, {}
         return told
 
@@ -79,7 +79,7 @@ class WaysSearch:
         """
         for place in dict.fromkeys(self.asked):
             search, own = self.searches[place], np.flatnonzero(np.equal(self.asked, place))
-            if not search.rollouts:  # its first one is the answer
+            if place and not search.rollouts:  # the first one is the answer
                 first = own[0]
                 enough = rollouts.rewards[first] >= self.least_reward
                 self.news[self.modes[place]] = bool(rollouts.successes[first] and enough)

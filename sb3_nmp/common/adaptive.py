@@ -245,14 +245,16 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
 
     def _open_searches(self, tried: Generation) -> None:
         """Start a search wherever the greedy trajectory is not satisfactory (V)."""
-        least_reward = thresholds(self.reward_threshold)[0]
-        satisfactory = tried.successes & (tried.rewards >= least_reward)
-        for row in np.flatnonzero(~satisfactory):
+        for row in np.flatnonzero(~self._satisfactory(tried)):
             context = tried.contexts[row]
             each = ContextSearch(context, self._new_search(context), self.n_successes)
             each.take(tried[row : row + 1])
             self.searches.append(each)
         self.logger.record("train/failure_rate", float(np.mean(~tried.successes)))
+
+    def _satisfactory(self, tried: Generation) -> NDArray[np.bool_]:
+        """Return which rollouts begin no search, shape (N,)."""
+        return tried.successes & (tried.rewards >= thresholds(self.reward_threshold)[0])
 
     def _close_searches(self) -> list[ContextSearch]:
         """End the searches that are over, and return those of them that have a solution."""
