@@ -192,12 +192,15 @@ def test_every_public_name_says_what_it_is(package: Any) -> None:
 
 
 def test_numbers_about_results_were_measured() -> None:
-    """What an algorithm's page says with two decimals or more stands in a measurement."""
-    files = (ROOT / "results/experiments").glob("*.md")
+    """What pages about results say with two decimals or more stands in a measurement."""
+    files = [
+        *(ROOT / "results/experiments").glob("*.md"),
+        ROOT / "results/leaderboard/data/README.md",
+    ]
     measured = "".join(file.read_text(encoding="utf-8") for file in files)
     n_checked = 0
     for name, text in TEXTS.items():
-        if not name.startswith("docs/algorithms/"):
+        if not name.startswith(("README.md", "docs/results.md", "docs/algorithms/")):
             continue
         said = re.sub(r"```.*?```|\$.*?\$|`.*?`|Eq\. \d\.\d", "", text, flags=re.DOTALL)
         for number in re.findall(r"(?<![\d.])\d+\.\d{2,}(?![\d.])", said):
