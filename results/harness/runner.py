@@ -1,6 +1,5 @@
 """Runs a plan: in parallel processes, one result file per run, resumable."""
 
-import gc
 import tempfile
 import time
 import traceback
@@ -16,6 +15,7 @@ from joblib import delayed
 from results.exceptions import BenchmarkError
 from results.harness.cluster import connected, on_cluster
 from results.harness.environments import RunTask
+from results.harness.memory import return_memory
 from results.harness.plugins import bring_in
 from results.harness.processes import in_processes
 from results.harness.protocol import OnRollouts
@@ -166,9 +166,7 @@ def record_of(
     except Exception as error:  # whatever an algorithm raises is this run's result
         return _failed(run, origin, error)
     finally:
-        # A model, its environment and its callbacks refer to each other. They are few, so Python
-        # would wait, and large, so a process of many runs would grow.
-        gc.collect()
+        return_memory()
 
 
 def _failed(run: RunSpecification, origin: Provenance, error: BaseException) -> RunRecord:
