@@ -177,6 +177,39 @@ def test_a_found_solution_becomes_the_networks_own_answer_beside_a_critic(
     assert miss(model) < 0.05  # the tolerance of `Reach`
 
 
+def found(model: ACNMP) -> Generation:
+    """Return the rollouts of the search beside a critic."""
+    search = model.searches[0].search
+    assert isinstance(search, CriticSearch)
+    return Generation.concatenate(search.rollouts)
+
+
+def test_when_learning_ends_the_own_answer_comes_nearer_to_what_was_found(
+    demonstrations: Demonstrations, pretrained: dict[str, th.Tensor]
+) -> None:
+    """And the search goes on as if it had not."""
+
+    def learned(seed: int, n_final_steps: int, *budgets: int) -> ACNMP:
+        adaptation = ACNMPAdaptation(n_final_steps=n_final_steps)
+        env = Higher(float(GOAL[0]))
+        model = begun(demonstrations, pretrained, env, adaptation=adaptation, seed=seed)
+        for budget in budgets:
+            model.learn(budget, reset_num_timesteps=False)
+        return model
+
+    def off(model: ACNMP) -> float:
+        answered, rollouts = model.policy.own_answer(GOAL[None]), found(model)
+        assert answered is not None
+        best = np.flatnonzero(rollouts.successes)[rollouts.rewards[rollouts.successes].argmax()]
+        return float(np.sqrt(np.mean((answered[0] - rollouts.trajectories[best]) ** 2)))
+
+    without = [learned(seed, 0, 30) for seed in range(3)]
+    models = [learned(seed, 100, 15, 15) for seed in range(3)]
+    for one, other in zip(without, models, strict=True):
+        np.testing.assert_array_equal(found(one).trajectories, found(other).trajectories)
+    assert np.median([*map(off, models)]) < 0.7 * np.median([*map(off, without)])
+
+
 class Misleading(Reach):
     """An end too high by 0.3 earns more than the right one, which succeeds."""
 

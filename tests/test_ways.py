@@ -131,9 +131,9 @@ def test_answers_that_satisfied_are_learned_beside_solutions() -> None:
     assert not searched & set(contexts[:, 0].tolist())
     assert not Farther.fails(contexts, answers).any()
     n_known = len(model.training_set())
-    assert len(model._sampler().values) == n_known + len(contexts)
+    assert len(model._sampler(model.rng).values) == n_known + len(contexts)
     model.adaptation = ACNMPAdaptation()
-    assert len(model._sampler().values) == n_known
+    assert len(model._sampler(model.rng).values) == n_known
 
 
 def test_a_search_under_way_is_saved(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """`ACNMP`: a network learned from demonstrations, and a search where it fails (thesis ch. 5)."""
 
+import copy
 import warnings
 from typing import Any, ClassVar, Self, Unpack, cast, get_args
 
@@ -229,7 +230,7 @@ class ACNMP(SearchingAlgorithm):
     # -- simultaneous training (VII, VIII) -----------------------------------------------------
 
     def _adapt(self, searched: list[ContextSearch], solved: list[ContextSearch]) -> None:
-        policy, settings = self.policy, self.adaptation
+        settings = self.adaptation
         self.has_aimed = self.has_aimed or any_has_aimed(searched)
         taught = [each for each in searched if self._teaches(each)]
         n_gradients = settings.n_training_steps if taught else 0
@@ -238,12 +239,30 @@ class ACNMP(SearchingAlgorithm):
             n_steps += settings.n_assimilation_steps
         if n_steps == 0:
             return
+        self._train(taught, n_gradients, n_steps, self.rng)
+        self._tell_searches(taught)
+
+    def _train(
+        self,
+        taught: list[ContextSearch],
+        n_gradients: int,
+        n_steps: int,
+        rng: np.random.Generator,
+    ) -> None:
+        """Train by likelihood (Eq. 4.1) and, in alternating steps, by policy gradient (Eq. 5.2).
+
+        :param taught: searches that the policy gradient learns from
+        :param n_gradients: steps of it, beside the first ones of the likelihood
+        :param n_steps: of the likelihood
+        :param rng: the generator to draw batches from
+        """
+        policy, settings = self.policy, self.adaptation
         policy.train()
         gradient = self._policy_gradient(taught) if n_gradients else None
         network = policy.cnmp.network
         beta = 0.0 if gradient else network.beta_nll  # beside Eq. 5.2 it is Eq. 4.1 as it is
         highest = self.lr_schedule(self._current_progress_remaining)
-        for step, batch in enumerate(self._sampler().draw(n_steps)):
+        for step, batch in enumerate(self._sampler(rng).draw(n_steps)):
             update_learning_rate(policy.optimizer, cosine(highest, step / n_steps))
             losses = []
             if settings.supervised:
@@ -255,7 +274,21 @@ class ACNMP(SearchingAlgorithm):
                 loss.backward()
                 policy.optimizer.step()
         policy.train(False)
-        self._tell_searches(taught)
+
+    def _end_learning(self) -> None:
+        """Bring the network's own answer to what a critic has found in a pinned context.
+
+        On the way it needs only follow. Batches are drawn from a copy of the generator, and the
+        critic does not ask the network, so that a search that goes on does not depend on this.
+        """
+        found = [
+            each
+            for each in self.searches
+            if isinstance(each.search, CriticSearch) and each.search.has_succeeded
+        ]
+        n_steps = self.adaptation.n_final_steps
+        if self._pinned and found and self.adaptation.imitates and n_steps:
+            self._train(found, n_steps, n_steps, copy.deepcopy(self.rng))
 
     def _tell_searches(self, taught: list[ContextSearch]) -> None:
         """Let critics' searches know when they were learned from, and others follow the network.
@@ -281,7 +314,7 @@ class ACNMP(SearchingAlgorithm):
             return True
         return self._pinned and cast(CriticSearch, search).is_to_be_taught
 
-    def _sampler(self) -> PointSampler:
+    def _sampler(self, rng: np.random.Generator) -> PointSampler:
         cnmp, known = self.policy.cnmp, self.training_set()
         modes = cnmp.nearest_modes(known)
         cnmp.teach_gate(known, modes)
@@ -293,7 +326,7 @@ class ACNMP(SearchingAlgorithm):
             cnmp.times,
             cnmp.normalise(cnmp.times.new_tensor(known.trajectories)),
             cnmp.condition(cnmp.times.new_tensor(known.contexts), modes),
-            self.rng,
+            rng,
             cnmp.network.n_members,
         )
 

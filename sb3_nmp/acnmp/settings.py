@@ -90,6 +90,8 @@ class ACNMPAdaptation(Presets):
         thesis's RL-only ablation
     :param n_training_steps: pairs of alternating steps after a generation; 0 leaves the policy
         gradient out
+    :param n_final_steps: pairs of such steps when ``learn`` ends, where a critic has found a
+        success in a pinned context: the network's own answer comes twice as near to it
     :param keep_answers: in a stream of contexts, train on the answers that satisfied too, so that a
         few solutions do not upset them. It pays where few demonstrations stand for many contexts
         and ways; where solutions come by the hundred it slows learning from these
@@ -104,6 +106,7 @@ class ACNMPAdaptation(Presets):
     supervised: bool = True
     n_training_steps: int = 20
     n_assimilation_steps: int = 50
+    n_final_steps: int = 100
     keep_answers: bool = False
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
@@ -120,6 +123,7 @@ class ACNMPAdaptation(Presets):
             "reward_weight": (self.reward_weight >= 0, ">= 0"),
             "n_training_steps": (self.n_training_steps >= 0, ">= 0"),
             "n_assimilation_steps": (self.n_assimilation_steps >= 0, ">= 0"),
+            "n_final_steps": (self.n_final_steps >= 0, ">= 0"),
             "keep_answers": (isinstance(self.keep_answers, bool), "True or False"),
         }
         check_rules(self, rules)

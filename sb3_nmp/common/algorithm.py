@@ -21,7 +21,6 @@ from sb3_nmp.common.argument_types import check_types
 from sb3_nmp.common.arguments import SB3Arguments, check_names, check_values, complete
 from sb3_nmp.common.demonstrations import Demonstrations, check_type
 from sb3_nmp.common.environment import Scale
-from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.logs import write_log
 from sb3_nmp.common.policies import TrajectoryPolicy
 from sb3_nmp.common.resumable import ResumableAlgorithm, warn_of_dropped
@@ -258,8 +257,12 @@ class TrajectoryAlgorithm(ResumableAlgorithm):
             self._learn_generation()
             if log_interval and generations % log_interval == 0:
                 self.dump_logs(generations)
+        self._end_learning()
         callback.on_training_end()
         return self
+
+    def _end_learning(self) -> None:
+        """Do what is left when ``learn`` ends; a search that goes on must not depend on it."""
 
     @property
     def _n_collected(self) -> int:
@@ -295,12 +298,7 @@ class TrajectoryAlgorithm(ResumableAlgorithm):
             actions = np.clip(proposed, space.low, space.high).astype(np.float32)
             self._before_reset = stream.generator_states(env)
             new_obs, rewards, dones, infos = env.step(actions)
-            if not dones.all():
-                raise ConfigurationError(
-                    f"an episode went on after its first step: {type(self).__name__} is made for "
-                    "trajectory bandits, where one step executes a whole trajectory and ends the "
-                    "episode."
-                )
+            environment.check_ended(dones, type(self).__name__)
             own = environment.rewards_of(env, rewards)
             rollouts = Generation.from_step(contexts, actions, own, infos)
             self._collected.append(rollouts)

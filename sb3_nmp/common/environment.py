@@ -108,6 +108,20 @@ def check_unnormalised(env: VecEnv | None) -> None:
         )
 
 
+def check_ended(dones: NDArray[np.bool_], algorithm: str) -> None:
+    """Raise where an episode goes on after its first step.
+
+    :param dones: of each environment after a step
+    :param algorithm: its name
+    :raises ConfigurationError: one is not over
+    """
+    if not dones.all():
+        raise ConfigurationError(
+            f"an episode went on after its first step: {algorithm} is made for trajectory bandits, "
+            "where one step executes a whole trajectory and ends the episode."
+        )
+
+
 def rewards_of(env: VecEnv, rewards: FloatArray) -> FloatArray:
     """Return the environments' own rewards, which VecNormalize changes, shape (n,).
 
