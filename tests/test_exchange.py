@@ -16,7 +16,7 @@ from results.exceptions import BenchmarkError
 from results.exchange.iohprofiler import export_iohprofiler
 from results.exchange.sb3_evaluations import Source, import_evaluations
 from results.harness.record_files import read_record, write_record
-from results.harness.records import ProtocolRecord, RolloutRecord
+from results.harness.records import ProtocolRecord, RolloutRecord, SuiteRecord
 from tests.records_fakes import curve_of, failed_run, finished_run, specification
 from tests.results_fakes import HillClimber
 
@@ -179,6 +179,62 @@ def test_the_files_for_iohanalyzer_hold_every_run_from_its_first_rollout(tmp_pat
         "2 -2.0000000000 -2.0000000000 1",
     ]
     assert [row.split()[0] for row in rows[1:]] == ["1", "2", "3"] * 2
+
+
+def of_several_tasks() -> list[Any]:
+    """Two tasks in two contexts each; names that are written alike; a seed of 17 bits."""
+    line = RolloutRecord([[0.0, 1.0]] * 5, None, True)
+    made = []
+    for label, told, suite in (("GA", True, "push"), ("GA+", True, "push"), ("Hers", False, "")):
+        for task in ("nmp/Push-v0", "nmp/Bottles-v0"):
+            for number in (1, 2):
+                for seed in (3, 70000):
+                    protocol = ProtocolRecord("leave-one-out", number=number)
+                    of = SuiteRecord(suite)
+                    asked = specification(label, seed, task, 3, protocol, of)
+                    curve = curve_of([-4.0, -2.0], [False, True])
+                    held = {"greedy": line} if told else None
+                    made.append(finished_run(asked, curve, rollouts=held))
+    return made
+
+
+def test_a_function_has_one_number_dimension_and_suite_in_all_files(tmp_path: Path) -> None:
+    written = export_iohprofiler(of_several_tasks(), tmp_path / "ioh")
+    assert len(set(written)) == len(written) == 3 * 4
+    assert sorted({path.parent.name for path in written}) == ["ga", "ga-2", "hers"]
+    read = [json.loads(path.read_text()) for path in written]
+    numbers = {(each["function_id"], each["function_name"]) for each in read}
+    assert numbers == {
+        (1, "nmp/Bottles-v0, target 1"), (2, "nmp/Bottles-v0, target 2"),
+        (3, "nmp/Push-v0, target 1"), (4, "nmp/Push-v0, target 2"),
+    }  # fmt: skip
+    assert {each["suite"] for each in read} == {"sb3-nmp"}
+    assert {each["scenarios"][0]["dimension"] for each in read} == {10}
+    instances = [[run["instance"] for run in each["scenarios"][0]["runs"]] for each in read]
+    assert instances == [[1, 2]] * 12, "the seeds' places, as 70000 is too large for the reader"
+
+
+def test_the_command_counts_functions_and_algorithms(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number, record in enumerate(of_several_tasks()):
+        write_record(tmp_path / f"{number}.json", record)
+    out = str(tmp_path / "ioh")
+    assert main(["export-ioh", "--runs", str(tmp_path), "--out", out]) == 0
+    assert "Written: 4 functions, with runs of 3 algorithms, in" in capsys.readouterr().out
+
+
+@pytest.mark.filterwarnings("ignore")  # of polars and of the reader
+def test_iohinspector_reads_several_tasks_and_contexts(tmp_path: Path) -> None:
+    iohinspector: Any = pytest.importorskip("iohinspector", reason="reads the export back")
+    export_iohprofiler(of_several_tasks(), tmp_path / "ioh")
+    manager = iohinspector.DataManager()
+    manager.add_folder(str(tmp_path / "ioh"))
+    seen = manager.overview
+    assert len(seen) == 3 * 4 * 2 and seen["data_id"].n_unique() == len(seen)
+    functions = seen.select("suite", "function_id", "function_name", "dimension").unique()
+    assert len(functions) == 4
+    assert sorted(seen["algorithm_name"].unique()) == ["GA", "GA+", "Hers"]
 
 
 @pytest.mark.filterwarnings("ignore")  # of polars and of the reader
