@@ -11,6 +11,7 @@ import pytest
 from stable_baselines3.common.callbacks import EvalCallback
 from stable_baselines3.common.monitor import Monitor
 
+from benchmark_envs import ViaPointsTask
 from results.cli import main
 from results.exceptions import BenchmarkError
 from results.exchange.iohprofiler import export_iohprofiler
@@ -74,6 +75,25 @@ def test_a_curve_holds_what_the_evaluations_tell(tmp_path: Path) -> None:
     }
 
 
+def test_no_sign_of_a_reward_is_a_success(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A task whose rewards are positive: successes alone say what is solved."""
+    monkeypatch.setattr(ViaPointsTask, "reward_range", (-3.0, 9.0))
+    results = np.array([[3.0, 3.0], [5.0, 5.0], [4.0, 4.0]])
+    for label, solved in (("Never", [0, 0, 0]), ("Last", [0, 0, 1])):
+        told = np.repeat(np.array(solved, bool)[:, None], 2, axis=1)
+        path = evaluations(tmp_path, results=results, successes=told)
+        curve = read_record(import_evaluations(Source(path, TASK, label), tmp_path / "runs")).curve
+        assert curve["greedy_success"] == [bool(each) for each in solved]
+        assert curve["best_reward"] == [3.0, 5.0, 5.0] and not any(curve["best_success"])
+    assert main(["table", "--runs", str(tmp_path / "runs")]) == 0
+    capsys.readouterr()
+    lines = (tmp_path / "runs" / "table.md").read_text().splitlines()
+    rows = {line.split(" | ")[0]: line.split(" | ")[2] for line in lines if " % |" in line}
+    assert rows["| Never"].startswith("0/1") and rows["| Last"].startswith("1/1")
+
+
 def test_a_budget_leaves_later_evaluations_out_and_steps_are_divided(tmp_path: Path) -> None:
     lengths = np.full((3, 2), 10)
     source = Source(evaluations(tmp_path, ep_lengths=lengths), TASK, "Hers", budget=2, steps=10)
@@ -98,6 +118,10 @@ BAD: dict[str, tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]] = {
     "time backwards": ({"timesteps": np.array([10, 5, 30])}, {}, ("[10, 5, 30]", "ascend")),
     "half a step": ({"timesteps": np.array([10.5, 20, 30])}, {}, ("[10.5, 20.0", "whole number")),
     "a reward of nan": ({"results": np.full((3, 2), np.nan)}, {}, ("nan", "finite")),
+    "rewards above the task's best": (
+        {"results": np.array([[-3.0, -3.0], [5.0, 5.0], [4.0, 4.0]])}, {},
+        ("the reward 5, and none of nmp/ViaPoints-v0 is above 0", "--task", "norm_reward=False"),
+    ),
     "long episodes": (
         {"ep_lengths": np.full((3, 2), 50)}, {},
         ("last [50] steps", "counted in rollouts", "--steps"),
