@@ -252,7 +252,7 @@ def test_ppo_improves_and_sac_runs_on_an_analytic_task() -> None:
             lambda: wrapped(Flat()),
             r"Flat.trajectories returned shape \(1, 2\).* must be \(N, T, D\)",
         ),
-        (lambda: MovementPrimitiveWrapper("nmp/ViaPoints-v0", PROMP), "env is 'nmp/.*gym.make"),
+        (lambda: WRAPPER("nmp/ViaPoints-v0", PROMP), "env is 'nmp/.*gym.make"),
     ],
 )
 def test_what_does_not_fit_is_told(build: Any, message: str) -> None:

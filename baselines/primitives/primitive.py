@@ -5,7 +5,7 @@ Shape letters: N rollouts, T time points, D dimensions, K bases per dimension.
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from numbers import Integral, Real
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -63,7 +63,8 @@ class Primitive(ABC):
         :raises ConfigurationError: no number, or none between these
         """
         given = getattr(self, name)
-        if not isinstance(given, Real) or isinstance(given, bool) or not low < given < high:
+        number = isinstance(given, int | float | np.number) and not isinstance(given, bool)
+        if not number or not low < given < high:
             raise ConfigurationError(
                 f"{name} is {given!r}; it must be a number and lie in ({low:g}, {high:g})."
             )

@@ -63,7 +63,7 @@ def _arrays_fit(
             isinstance(value, np.ndarray | np.generic),
             f"{it.name} measured {name} = {value!r}; it must be an array of shape {shape}.",
         )
-        found = np.shape(value)
+        found = np.asarray(value).shape
         require(
             found == shape,
             f"{it.name} measured {name} of shape {found}; it must have shape {shape}, a "

@@ -176,7 +176,11 @@ class ArmTask(MujocoTask):
                 name = f"placed['{body}']"
                 vector(f"what {name} returns", asked(name, place, context), 3)
             way = check_way(asked("way", self.way, context))
-            far = [float(np.linalg.norm(each.position - base)) for each in way if each.counts]
+            far = [
+                float(np.linalg.norm(np.subtract(each.position, base)))
+                for each in way
+                if each.counts
+            ]
             beyond.append(max(far) - reach)
         if min(beyond) > self.tolerance:
             raise TaskError(
@@ -263,4 +267,4 @@ def _box(low: ArrayLike, high: ArrayLike, names: tuple[str, ...]) -> spaces.Box:
             f"context_low is {low} and context_high {high}; each needs a number for each of "
             f"{list(names)}, finite, and the low one must be smaller."
         )
-    return spaces.Box(*ends)
+    return spaces.Box(ends[0], ends[1])

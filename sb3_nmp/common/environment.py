@@ -160,7 +160,9 @@ def check_budget(total_timesteps: object, n_envs: int) -> int:
     return budget
 
 
-def executable(proposed: object, n_envs: int, space: spaces.Box, algorithm: str) -> FloatArray:
+def executable(
+    proposed: object, n_envs: int, space: spaces.Box, algorithm: str
+) -> NDArray[np.float32]:
     """Return proposed trajectories as environments take them: clipped, float32, shape (n, T, D).
 
     :param proposed: one trajectory for each environment, shape (n, T, D)
