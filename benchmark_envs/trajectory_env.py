@@ -59,6 +59,11 @@ class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
                 f"no render mode '{render_mode}'; there are None and "
                 f"{', '.join(self.metadata['render_modes'])}."
             )
+        if isinstance(task, Task) and settings:
+            raise TaskError(
+                f"{', '.join(settings)} was given beside a task that is built already; build it "
+                "with these settings, or give its id."
+            )
         self.task = task if isinstance(task, Task) else make_task(task, **settings)
         modes = self.metadata["render_modes"] if draws(self.task) else []
         self.metadata = {"render_modes": modes, "render_fps": self.task.frames_per_second}
@@ -88,6 +93,8 @@ class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
         """
         super().reset(seed=seed)
         options = options or {}
+        if not isinstance(options, dict):
+            raise TaskError(f"options is {options!r}; it must be a dictionary: {{'context': c}}.")
         unknown = sorted(set(options) - {"context"})
         if unknown:
             raise TaskError(f"no reset option '{unknown[0]}'; the only one is 'context'.")
