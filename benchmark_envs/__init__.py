@@ -5,6 +5,7 @@
 
 from typing import TYPE_CHECKING, Any
 
+from benchmark_envs import backend as _mujoco_first  # noqa: F401
 from benchmark_envs.cache import ContextCache
 from benchmark_envs.checking import check_task
 from benchmark_envs.exceptions import (

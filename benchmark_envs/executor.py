@@ -3,6 +3,7 @@
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Any
 
 import mujoco
@@ -10,6 +11,7 @@ import numpy as np
 from mujoco.rollout import Rollout
 from numpy.typing import NDArray
 
+from benchmark_envs.exceptions import TaskError
 from benchmark_envs.rollouts import BoolArray, FloatArray
 
 #: rollouts handed to MuJoCo at once: enough to keep the threads busy, few enough to bound memory
@@ -64,6 +66,7 @@ class BatchExecutor:
     :param n_threads: of the pool; 0 runs in the calling thread, by default one per core
     :param chunk: rollouts handed to MuJoCo at once; it keeps the state at every step of them all,
         so models with many joints need fewer
+    :raises TaskError: ``n_threads`` is no whole number >= 0
     """
 
     def __init__(
@@ -73,6 +76,11 @@ class BatchExecutor:
         n_threads: int | None = None,
         chunk: int = CHUNK,
     ) -> None:
+        if n_threads is not None and not (isinstance(n_threads, Integral) and n_threads >= 0):
+            raise TaskError(
+                f"n_threads is {n_threads!r}; it must be a whole number >= 0, or None for one per "
+                "core."
+            )
         self.model = model
         self.substeps = substeps
         self.chunk = chunk

@@ -7,8 +7,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark_envs.exceptions import RenderingUnavailableError, TaskError
+from benchmark_envs.backend import unavailable
+from benchmark_envs.exceptions import TaskError
 from benchmark_envs.rollouts import FloatArray
+
+#: what MuJoCo takes for MUJOCO_GL so that it loads no renderer
+SWITCHED_OFF = ("disable", "disabled", "off", "false", "0")
 
 
 def draw(
@@ -25,12 +29,14 @@ def draw(
     :raises TaskError: no such camera, or a picture of no size or larger than the model's buffer
     """
     _check(model, camera, width, height)
+    if _named_backend() in SWITCHED_OFF:
+        raise unavailable("that switches MuJoCo's rendering off")
     if _lacks_display():  # GLFW's half-made window would raise errors until Python ends
-        raise _unavailable("there is no display")
+        raise unavailable("there is no display")
     try:
         renderer = mujoco.Renderer(model, height, width)
     except Exception as error:  # each OpenGL platform raises its own kinds
-        raise _unavailable(str(error)) from error
+        raise unavailable(str(error)) from error
     data = mujoco.MjData(model)
     pictures: list[NDArray[np.uint8]] = []
     with renderer:
@@ -54,17 +60,12 @@ def _check(model: mujoco.MjModel, camera: str, width: int, height: int) -> None:
         )
 
 
+def _named_backend() -> str:
+    return os.environ.get("MUJOCO_GL", "").lower().strip()
+
+
 def _lacks_display() -> bool:
     """Tell whether MuJoCo would open a window where nothing can show one."""
-    by_window = os.environ.get("MUJOCO_GL", "").lower().strip() in ("", "glfw")
+    by_window = _named_backend() in ("", "glfw")
     shown = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     return sys.platform == "linux" and by_window and not shown
-
-
-def _unavailable(why: str) -> RenderingUnavailableError:
-    backend = os.environ.get("MUJOCO_GL", "not set")
-    return RenderingUnavailableError(
-        f"no off-screen renderer could be started (MUJOCO_GL is {backend}): {why}. Set "
-        "MUJOCO_GL=egl with a GPU driver, or install libosmesa6 and set MUJOCO_GL=osmesa before "
-        "Python starts. Everything but rendering works without."
-    )

@@ -259,10 +259,11 @@ class Task(ABC):
         :raises InvalidTrajectoryError: wrong shape or non-finite value
         """
         trajectories = self.check_trajectories(trajectories)
-        contexts = np.asarray(contexts, dtype=np.float64)
+        rule = "numbers, of shape (N, C) or (C,), for at least one rollout"
+        contexts = as_numbers("the context", contexts, rule, InvalidContextError)
         if contexts.ndim == 1:
             contexts = np.broadcast_to(contexts, (len(trajectories), len(contexts)))
-        if len(contexts) != len(trajectories):
+        if not contexts.size or len(contexts) != len(trajectories):
             raise InvalidContextError(
                 f"{len(contexts)} contexts were given for {len(trajectories)} trajectories: give "
                 "one context for each trajectory, or a single one of shape (C,) for all."

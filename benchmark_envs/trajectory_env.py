@@ -6,10 +6,21 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from benchmark_envs.exceptions import TaskError
+from benchmark_envs.exceptions import RenderingUnavailableError, TaskError
 from benchmark_envs.registry import make_task
 from benchmark_envs.rollouts import FloatArray, Rollouts
 from benchmark_envs.task import Task
+
+
+def draws(task: Task) -> bool:
+    """Return whether a task has pictures of its rollouts: `Task.frames` has none.
+
+    >>> draws(make_task("nmp/Bottles-v0")), draws(make_task("nmp/ViaPoints-v0"))
+    (True, False)
+
+    :param task: any
+    """
+    return type(task).frames is not Task.frames
 
 
 class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
@@ -31,6 +42,7 @@ class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
         ``"rgb_array"``: its last frame
     :param settings: arguments of `make_task`, where ``task`` is an id
     :raises TaskError: an unknown id or setting, or a context outside the context space
+    :raises RenderingUnavailableError: a render mode for a task that draws no pictures
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array_list", "rgb_array"]}  # noqa: RUF012
@@ -47,8 +59,20 @@ class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
                 f"no render mode '{render_mode}'; there are None and "
                 f"{', '.join(self.metadata['render_modes'])}."
             )
+        if isinstance(task, Task) and settings:
+            raise TaskError(
+                f"{', '.join(settings)} was given beside a task that is built already; build it "
+                "with these settings, or give its id."
+            )
         self.task = task if isinstance(task, Task) else make_task(task, **settings)
-        self.metadata = {**self.metadata, "render_fps": self.task.frames_per_second}
+        modes = self.metadata["render_modes"] if draws(self.task) else []
+        self.metadata = {"render_modes": modes, "render_fps": self.task.frames_per_second}
+        if render_mode is not None and not modes:
+            raise RenderingUnavailableError(
+                f"render_mode is '{render_mode}', and {type(self.task).__name__} draws no pictures "
+                "of its rollouts: leave it out. Tasks that MuJoCo simulates draw, such as "
+                "nmp/Bottles-v0; 'nmp-bench plot' draws the paths of runs."
+            )
         self.render_mode = render_mode
         self.observation_space = self.task.context_space
         self.action_space = self.task.trajectory_space
@@ -69,6 +93,8 @@ class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
         """
         super().reset(seed=seed)
         options = options or {}
+        if not isinstance(options, dict):
+            raise TaskError(f"options is {options!r}; it must be a dictionary: {{'context': c}}.")
         unknown = sorted(set(options) - {"context"})
         if unknown:
             raise TaskError(f"no reset option '{unknown[0]}'; the only one is 'context'.")

@@ -186,6 +186,27 @@ def test_a_search_aims_until_it_succeeds_and_not_in_every_region_where_it_never_
     assert [k for _, aims, k in aiming(succeeds_at=5) if aims] == [1, 2, 3, 4]
 
 
+@pytest.mark.parametrize("restart_radius", [0.0, 0.1])
+def test_a_search_that_never_begins_anew_leaves_its_aim_where_it_can_shrink_no_more(
+    restart_radius: float,
+) -> None:
+    rng = np.random.default_rng(3)
+    space = Subspace(np.zeros((T, 1)), rng.standard_normal((3, T, 1)))
+    settings = ACNMPCritic(restart_radius=restart_radius, radius_limits=(0.1, 1.5))
+    search, found = CriticSearch(space, 0.7, settings), []
+    for k in range(12):
+        at_its_smallest = search.region.radius == 0.1
+        tried = search.ask(1, np.random.default_rng(k))
+        if k >= 2:
+            found.append((search.aims, at_its_smallest))
+        reward = 1.0 if k == 10 else -float(k)  # a new best one: the region grows
+        told = rollouts(WANTED + 0.1 + rng.random((1, 2)), np.array([reward]))
+        search.tell(replace(told, trajectories=tried.astype(np.float32)))
+    assert search.n_restarts == 0 and not search.has_succeeded
+    assert all(aims != smallest for aims, smallest in found)
+    assert [aims for aims, _ in found] == 7 * [True] + 2 * [False] + [True]
+
+
 class Throw(gym.Env[Any, Any]):
     """Lands where weighted means of the trajectory say; the reward tells the distance.
 

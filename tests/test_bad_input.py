@@ -407,6 +407,25 @@ BAD: dict[str, tuple[Call, tuple[str, ...]]] = {
     "an unknown reset option": (
         lambda _: task_env().reset(options={"goal": 1}), ("'goal'", "the only one is 'context'"),
     ),
+    "options in a list": (
+        lambda _: task_env().reset(options=["context"]),  # type: ignore[arg-type]
+        ("options is ['context']", "a dictionary: {'context': c}"),
+    ),
+    "settings beside a task": (
+        lambda _: TrajectoryEnv(make_task(ENV_ID), random_bottles=True),
+        ("random_bottles was given beside a task", "or give its id"),
+    ),
+    "texts for contexts": (
+        lambda _: make_task(ENV_ID).simulate("a", TRAJECTORY),
+        ("context is 'a'", "(N, C) or (C,)"),
+    ),
+    "a batch of no rollouts": (
+        lambda _: make_task(ENV_ID).simulate(np.zeros((0, 4)), np.zeros((0, 200, 2))),
+        ("0 contexts were given", "one context for each"),
+    ),
+    "a text for a number of points": (
+        lambda _: make_task("nmp/ViaPoints-v0", n_points="3"), ("n_points is '3'", "1 to 6"),
+    ),
     "a step before the reset": (lambda _: task_env().step(TRAJECTORY), ("call reset()",)),
     "a trajectory of another shape": (
         lambda _: stepped(task_env(), np.zeros((3, 2))), ("(3, 2)", "(200, 2)"),

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from baselines import REPS, LogEI, TuRBO
 from sb3_nmp import AlgorithmContractError, TrajectoryAlgorithm, check_algorithm
 from sb3_nmp.checking import ALGORITHM_RULES, ReachEnv
+from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.rollouts import Generation
 from tests.registry import ALGORITHMS, POPULATION
 
@@ -63,6 +64,10 @@ def proposing(change: Callable[[Any, NDArray[Any], slice], NDArray[Any]]) -> typ
         return change(self, REPS._propose(self, members, contexts), members)
 
     return type("Changed", (REPS,), {"_propose": propose})
+
+
+def misproposing(change: Callable[[NDArray[Any]], Any]) -> type[REPS]:
+    return proposing(lambda _, proposed, members: change(proposed))
 
 
 class Deaf(REPS):
@@ -158,6 +163,16 @@ class Needy(REPS):
         super().__init__(policy, env, **shared)
 
 
+class Breaking(REPS):
+    def _end_generation(self, generation: Generation) -> None:
+        raise KeyError("sigma")
+
+
+class Bare(REPS):
+    def predict(self, *args: Any, **kwargs: Any) -> Any:
+        return super().predict(*args, **kwargs)[0]
+
+
 class Nameless(REPS):
     policy_aliases = {"OwnPolicy": REPS.policy_aliases["MlpPolicy"]}  # noqa: RUF012
 
@@ -172,6 +187,28 @@ FAULTS: dict[str, tuple[Any, tuple[str, ...]]] = {
     "learn returns nothing": (Silent, ("returned None", "return self")),
     "a trajectory with nan": (
         Holed, ("rollout 1 is a trajectory of shape (20, 2)", "from nan to nan"),
+    ),
+    "trajectories too short": (
+        misproposing(lambda p: p[:, :5]),
+        ("Changed._propose returned a ndarray of shape (1, 5, 2)", "(n, T, D) = (1, 20, 2)"),
+    ),
+    "trajectories of one dimension": (
+        misproposing(lambda p: p[..., 0]), ("of shape (1, 20)", "(n, T, D) = (1, 20, 2)"),
+    ),
+    "a trajectory for too many members": (
+        misproposing(lambda p: np.repeat(p, 2, 0)), ("shape (2, 20, 2)", "(1, 20, 2)"),
+    ),
+    "no trajectories": (
+        misproposing(lambda p: None), ("_propose returned a NoneType;", "(1, 20, 2)"),
+    ),
+    "texts as trajectories": (
+        misproposing(lambda p: p.astype("<U3")), ("dtype <U3", "an array of numbers"),
+    ),
+    "an error of Python's": (
+        Breaking, ("Breaking raised KeyError ('sigma')", "executes n rollouts", "traceback above"),
+    ),
+    "an answer without state": (
+        Bare, ("Bare.predict returned a ndarray", "the tuple (trajectories, None)"),
     ),
     "non-determinism under a seed": (
         proposing(lambda _, p, m: p + np.random.default_rng().normal(0, 1e-6, p.shape)),
@@ -223,6 +260,20 @@ def test_a_planted_fault_is_told_in_its_sentence(fault: str) -> None:
     message = str(caught.value)
     assert [part for part in parts if part not in message] == [], message
     assert message.endswith(".")
+
+
+@pytest.mark.parametrize(
+    ("make_env", "parts"),
+    [
+        (ReachEnv(), ("make_env is <", "a function", "lambda: gym.make")),
+        ("nmp/Bottles-v0", ("make_env is 'nmp/Bottles-v0'", "a function")),
+        (lambda: None, ("which returns None", "a new environment")),
+    ],
+)
+def test_what_makes_no_environment_is_refused(make_env: Any, parts: tuple[str, ...]) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        check_algorithm(REPS, make_env, population_size=POPULATION)
+    assert [part for part in parts if part not in str(caught.value)] == [], str(caught.value)
 
 
 def test_every_rule_says_what_it_asks() -> None:

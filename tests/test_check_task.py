@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -139,6 +139,13 @@ def a_hole(distance: FloatArray) -> FloatArray:
     return distance
 
 
+def raising(error: Exception) -> Any:
+    def raise_it(*_: Any) -> Any:
+        raise error
+
+    return raise_it
+
+
 #: by fault: the task, and parts of the sentence
 FAULTS: dict[str, tuple[Any, tuple[str, ...]]] = {
     "no task": ("Reach", ("'Reach' is a str", "a subclass of benchmark_envs.Task")),
@@ -164,6 +171,84 @@ FAULTS: dict[str, tuple[Any, tuple[str, ...]]] = {
     ),
     "a setting forgotten": (Forgetful, ("argument 'radius'", "keeps no attribute")),
     "a setting changed": (Doubling, ("{'tolerance': 0.2}", "{'tolerance': 0.4}")),
+    "names that are numbers": (
+        changed(context_names=(3,)), ("context_names is (3,)", "a tuple of texts"),
+    ),
+    "no names of the trajectory": (changed(trajectory_names=None), ("is None", "tuple of texts")),
+    "a scale of mixed lengths": (
+        changed(exploration_scale=((1,), (1, 2))), ("is ((1,), (1, 2))", "2 finite numbers > 0"),
+    ),
+    "a text for the time step": (changed(dt="0.1"), ("dt is '0.1'", "seconds > 0")),
+    "two time steps": (changed(dt=np.full(2, 0.1)), ("dt is array(", "seconds > 0")),
+    "a range of one": (changed(reward_range=0.0), ("reward_range is 0.0", "two finite numbers")),
+    "a range of texts": (changed(reward_range=("a", "b")), ("('a', 'b')", "two finite numbers")),
+    "terms in a list": (
+        changed(reward_terms=["distance", "way"]), ("is ['distance', 'way']", "a dictionary"),
+    ),
+    "a mode that is a text": (changed(modes="default"), ("modes is 'default'", "tuple of texts")),
+    "no modes": (changed(modes=()), ("modes is ()", "at least one: ('default',)")),
+    "no text for a summand": (changed(step_reward=None), ("step_reward is None", "a text, ''")),
+    "an optimum without name": (changed(optimum=3), ("optimum is 3", "a name and a reward")),
+    "a scene in a list": (
+        changed(scene=lambda self, context: [1]), ("scene(context) is [1]", "a dictionary"),
+    ),
+    "a context of the wrong shape": (
+        changed(_draw_context=lambda self, rng: np.zeros(3)),
+        ("_draw_context left the context space", "shape (1,) (target [m]), not (3,)"),
+    ),
+    "drawing that raises": (
+        changed(_draw_context=raising(ZeroDivisionError("division by zero"))),
+        ("raised ZeroDivisionError (division by zero)", "`_draw_context` returns", "traceback"),
+    ),
+    "a text for a naive trajectory": (
+        changed(initial_trajectory=lambda self, context: "a"),
+        ("initial_trajectory returned no trajectory but a str", "(T, D) = (10, 2)"),
+    ),
+    "an expert of one axis": (
+        changed(demonstrate=lambda self, context, mode=None: np.zeros(10)),
+        ("demonstrate returned no trajectory but a ndarray of shape (10,)", "(10, 2) (x [m]"),
+    ),
+    "an expert that returns nothing": (
+        changed(demonstrate=lambda self, context, mode=None: None),
+        ("demonstrate returned no trajectory but a NoneType",),
+    ),
+    "an expert that is not written": (
+        changed(demonstrate=raising(NotImplementedError("later"))),
+        ("raised NotImplementedError (later)", "without one raises a TaskError"),
+    ),
+    "an expert without modes": (
+        changed(demonstrate=lambda self, context: np.zeros((10, 2))),
+        ("raised TypeError", "positional arguments", "Each mode of the expert"),
+    ),
+    "no success": (
+        measuring(lambda m: replace(m, successes=cast(Any, None))),
+        ("successes = None", "an array of shape (2,)"),
+    ),
+    "no terms": (
+        measuring(lambda m: replace(m, terms=cast(Any, None))), ("terms = None", "a dictionary"),
+    ),
+    "a term of texts": (
+        terms(lambda d: np.full(d.shape, "a")), ("terms['distance'] of dtype <U1", "numbers"),
+    ),
+    "paths in no dictionary": (
+        measuring(lambda m: replace(m, paths=cast(Any, None))), ("paths = None", "a dictionary"),
+    ),
+    "summands in a list": (
+        measuring(lambda m: replace(m, step_rewards=cast(Any, [[0.0] * 10] * 2))),
+        ("step_rewards = [[", "an array of shape (2, 10)"),
+    ),
+    "an outcome of nan": (
+        measuring(lambda m: replace(m, outcomes={"drop": np.full(len(m.executed), np.nan)})),
+        ("outcomes['drop'] with a value that is not finite", "0.0"),
+    ),
+    "rollouts of another kind": (
+        changed(simulate=lambda self, contexts, trajectories: None),
+        ("simulate returned a NoneType", "override _execute"),
+    ),
+    "a mode as an array": (
+        changed(mode_of=lambda self, context, executed: np.zeros(3)),
+        ("returned array([0., 0., 0.])", "('default',)"),
+    ),
     "an array among the metadata": (
         changed(scene=lambda self, context: {"limits": np.zeros((2, 2))}),
         ("scene(context) is", "plain JSON", ".tolist()"),
@@ -254,6 +339,21 @@ def test_a_planted_fault_is_told_in_its_sentence(fault: str) -> None:
     message = str(caught.value)
     assert [part for part in parts if part not in message] == [], message
     assert message.endswith(".")
+
+
+@pytest.mark.parametrize(
+    ("asked", "part"),
+    [
+        ({"n_contexts": 1}, "n_contexts is 1"),
+        ({"n_contexts": "5"}, "n_contexts is '5'"),
+        ({"n_contexts": 2.5}, "n_contexts is 2.5"),
+        ({"seed": -1}, "seed is -1"),
+        ({"seed": "a"}, "seed is 'a'"),
+    ],
+)
+def test_what_is_no_number_is_refused(asked: dict[str, Any], part: str) -> None:
+    with pytest.raises(TaskContractError, match=f"{part}; it must be a whole number >= "):
+        check_task(Reach(), **asked)
 
 
 @pytest.mark.parametrize("task_id", task_ids())

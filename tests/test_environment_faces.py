@@ -133,3 +133,12 @@ def test_sb3s_recorder_takes_the_first_picture_before_any_step(tmp_path: Path) -
 def test_without_a_context_nothing_can_be_drawn() -> None:
     with pytest.raises(TaskError, match=r"no context yet: call reset\(\)"):
         TrajectoryEnv(ENV_ID, render_mode="rgb_array").render()
+
+
+@pytest.mark.parametrize("mode", ["rgb_array", "rgb_array_list"])
+@pytest.mark.parametrize("task_id", ["nmp/ViaPoints-v0", "nmp/Obstacles-v0"])
+def test_a_task_without_pictures_refuses_a_render_mode_at_once(task_id: str, mode: str) -> None:
+    assert gym.make(task_id).metadata["render_modes"] == []
+    with pytest.raises(RenderingUnavailableError, match=f"render_mode is '{mode}', and .* leave"):
+        gym.make(task_id, render_mode=mode)
+    assert "rgb_array" in gym.make(ENV_ID, render_mode=mode).metadata["render_modes"]

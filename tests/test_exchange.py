@@ -11,12 +11,13 @@ import pytest
 from stable_baselines3.common.callbacks import EvalCallback
 from stable_baselines3.common.monitor import Monitor
 
+from benchmark_envs import ViaPointsTask
 from results.cli import main
 from results.exceptions import BenchmarkError
 from results.exchange.iohprofiler import export_iohprofiler
 from results.exchange.sb3_evaluations import Source, import_evaluations
 from results.harness.record_files import read_record, write_record
-from results.harness.records import ProtocolRecord, RolloutRecord
+from results.harness.records import ProtocolRecord, RolloutRecord, SuiteRecord
 from tests.records_fakes import curve_of, failed_run, finished_run, specification
 from tests.results_fakes import HillClimber
 
@@ -74,6 +75,25 @@ def test_a_curve_holds_what_the_evaluations_tell(tmp_path: Path) -> None:
     }
 
 
+def test_no_sign_of_a_reward_is_a_success(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A task whose rewards are positive: successes alone say what is solved."""
+    monkeypatch.setattr(ViaPointsTask, "reward_range", (-3.0, 9.0))
+    results = np.array([[3.0, 3.0], [5.0, 5.0], [4.0, 4.0]])
+    for label, solved in (("Never", [0, 0, 0]), ("Last", [0, 0, 1])):
+        told = np.repeat(np.array(solved, bool)[:, None], 2, axis=1)
+        path = evaluations(tmp_path, results=results, successes=told)
+        curve = read_record(import_evaluations(Source(path, TASK, label), tmp_path / "runs")).curve
+        assert curve["greedy_success"] == [bool(each) for each in solved]
+        assert curve["best_reward"] == [3.0, 5.0, 5.0] and not any(curve["best_success"])
+    assert main(["table", "--runs", str(tmp_path / "runs")]) == 0
+    capsys.readouterr()
+    lines = (tmp_path / "runs" / "table.md").read_text().splitlines()
+    rows = {line.split(" | ")[0]: line.split(" | ")[2] for line in lines if " % |" in line}
+    assert rows["| Never"].startswith("0/1") and rows["| Last"].startswith("1/1")
+
+
 def test_a_budget_leaves_later_evaluations_out_and_steps_are_divided(tmp_path: Path) -> None:
     lengths = np.full((3, 2), 10)
     source = Source(evaluations(tmp_path, ep_lengths=lengths), TASK, "Hers", budget=2, steps=10)
@@ -98,6 +118,10 @@ BAD: dict[str, tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]] = {
     "time backwards": ({"timesteps": np.array([10, 5, 30])}, {}, ("[10, 5, 30]", "ascend")),
     "half a step": ({"timesteps": np.array([10.5, 20, 30])}, {}, ("[10.5, 20.0", "whole number")),
     "a reward of nan": ({"results": np.full((3, 2), np.nan)}, {}, ("nan", "finite")),
+    "rewards above the task's best": (
+        {"results": np.array([[-3.0, -3.0], [5.0, 5.0], [4.0, 4.0]])}, {},
+        ("the reward 5, and none of nmp/ViaPoints-v0 is above 0", "--task", "norm_reward=False"),
+    ),
     "long episodes": (
         {"ep_lengths": np.full((3, 2), 50)}, {},
         ("last [50] steps", "counted in rollouts", "--steps"),
@@ -179,6 +203,62 @@ def test_the_files_for_iohanalyzer_hold_every_run_from_its_first_rollout(tmp_pat
         "2 -2.0000000000 -2.0000000000 1",
     ]
     assert [row.split()[0] for row in rows[1:]] == ["1", "2", "3"] * 2
+
+
+def of_several_tasks() -> list[Any]:
+    """Two tasks in two contexts each; names that are written alike; a seed of 17 bits."""
+    line = RolloutRecord([[0.0, 1.0]] * 5, None, True)
+    made = []
+    for label, told, suite in (("GA", True, "push"), ("GA+", True, "push"), ("Hers", False, "")):
+        for task in ("nmp/Push-v0", "nmp/Bottles-v0"):
+            for number in (1, 2):
+                for seed in (3, 70000):
+                    protocol = ProtocolRecord("leave-one-out", number=number)
+                    of = SuiteRecord(suite)
+                    asked = specification(label, seed, task, 3, protocol, of)
+                    curve = curve_of([-4.0, -2.0], [False, True])
+                    held = {"greedy": line} if told else None
+                    made.append(finished_run(asked, curve, rollouts=held))
+    return made
+
+
+def test_a_function_has_one_number_dimension_and_suite_in_all_files(tmp_path: Path) -> None:
+    written = export_iohprofiler(of_several_tasks(), tmp_path / "ioh")
+    assert len(set(written)) == len(written) == 3 * 4
+    assert sorted({path.parent.name for path in written}) == ["ga", "ga-2", "hers"]
+    read = [json.loads(path.read_text()) for path in written]
+    numbers = {(each["function_id"], each["function_name"]) for each in read}
+    assert numbers == {
+        (1, "nmp/Bottles-v0, target 1"), (2, "nmp/Bottles-v0, target 2"),
+        (3, "nmp/Push-v0, target 1"), (4, "nmp/Push-v0, target 2"),
+    }  # fmt: skip
+    assert {each["suite"] for each in read} == {"sb3-nmp"}
+    assert {each["scenarios"][0]["dimension"] for each in read} == {10}
+    instances = [[run["instance"] for run in each["scenarios"][0]["runs"]] for each in read]
+    assert instances == [[1, 2]] * 12, "the seeds' places, as 70000 is too large for the reader"
+
+
+def test_the_command_counts_functions_and_algorithms(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number, record in enumerate(of_several_tasks()):
+        write_record(tmp_path / f"{number}.json", record)
+    out = str(tmp_path / "ioh")
+    assert main(["export-ioh", "--runs", str(tmp_path), "--out", out]) == 0
+    assert "Written: 4 functions, with runs of 3 algorithms, in" in capsys.readouterr().out
+
+
+@pytest.mark.filterwarnings("ignore")  # of polars and of the reader
+def test_iohinspector_reads_several_tasks_and_contexts(tmp_path: Path) -> None:
+    iohinspector: Any = pytest.importorskip("iohinspector", reason="reads the export back")
+    export_iohprofiler(of_several_tasks(), tmp_path / "ioh")
+    manager = iohinspector.DataManager()
+    manager.add_folder(str(tmp_path / "ioh"))
+    seen = manager.overview
+    assert len(seen) == 3 * 4 * 2 and seen["data_id"].n_unique() == len(seen)
+    functions = seen.select("suite", "function_id", "function_name", "dimension").unique()
+    assert len(functions) == 4
+    assert sorted(seen["algorithm_name"].unique()) == ["GA", "GA+", "Hers"]
 
 
 @pytest.mark.filterwarnings("ignore")  # of polars and of the reader

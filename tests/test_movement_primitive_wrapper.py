@@ -36,6 +36,15 @@ PRIMITIVES = pytest.mark.parametrize(
 )
 
 
+class Flat:
+    """Its trajectories have no dimensions."""
+
+    n_bases, n_time_points = 3, 200
+
+    def trajectories(self, *_: Any) -> Any:
+        return np.zeros((1, 2))
+
+
 def wrapped(primitive: Any = PROMP, task_id: str = VIA_POINTS, **settings: Any) -> Any:
     return MovementPrimitiveWrapper(gym.make(task_id), primitive, **settings)
 
@@ -228,6 +237,22 @@ def test_ppo_improves_and_sac_runs_on_an_analytic_task() -> None:
         (lambda: wrapped(moves_goal=True), "goal of ProMP.*moves_goal=False"),
         (lambda: MovementPrimitiveWrapper(gym.make("Pendulum-v1"), PROMP), "TrajectoryActionWr"),
         (lambda: MovementPrimitiveWrapper(gym.make("CartPole-v1"), PROMP), "finite Box"),
+        (
+            lambda: wrapped("promp"),
+            r"primitive is 'promp'; .*ProMP\(n_bases=8, n_time_points=200\)",
+        ),
+        (lambda: wrapped(ProMP), "primitive is <class .*an object with n_bases"),
+        (lambda: wrapped(reach="5"), "reach is '5'; it must be a finite number > 0"),
+        (lambda: wrapped(reach=[1, 2]), r"reach is \[1, 2\]; it must be a finite number"),
+        (lambda: wrapped(reach=True), "reach is True; it must be a finite number"),
+        (lambda: wrapped(mean="zero"), "trajectory is 'zero'; .*numbers, of shape"),
+        (lambda: wrapped(mean=[[1], [1, 2]]), r"is \[\[1\], \[1, 2\]\]; .*numbers, of shape"),
+        (lambda: wrapped(moves_goal="yes"), "moves_goal is 'yes'; it must be True or False"),
+        (
+            lambda: wrapped(Flat()),
+            r"Flat.trajectories returned shape \(1, 2\).* must be \(N, T, D\)",
+        ),
+        (lambda: WRAPPER("nmp/ViaPoints-v0", PROMP), "env is 'nmp/.*gym.make"),
     ],
 )
 def test_what_does_not_fit_is_told(build: Any, message: str) -> None:
@@ -238,6 +263,9 @@ def test_what_does_not_fit_is_told(build: Any, message: str) -> None:
 def test_wrong_weights_are_told() -> None:
     env = wrapped()
     env.reset()
+    for text in ("a", [[1], [1, 2]]):
+        with pytest.raises(InvalidTrajectoryError, match=r"action is .*; .*\(8,\) finite numbers"):
+            env.step(text)
     for wrong in (np.zeros(7), np.full(8, np.nan)):
         with pytest.raises(InvalidTrajectoryError, match=r"takes \(8,\): 8 for each of 1"):
             env.step(wrong)

@@ -177,6 +177,11 @@ def test_the_pd_filter_starts_and_ends_as_told() -> None:
         (lambda: DMP(1), "n_bases is 1"),
         (lambda: DMP(alpha=0), "alpha is 0"),
         (lambda: DMP(overlap=1.0), r"overlap is 1\.0"),
+        (lambda: ProMP("8"), "n_bases is '8'; it must be a whole number"),  # type: ignore[arg-type]
+        (lambda: ProMP(5, 20.5), r"n_time_points is 20\.5; it must be a whole"),  # type: ignore[arg-type]
+        (lambda: ProMP(5, 20, "wide"), r"width is 'wide'; .*number"),  # type: ignore[arg-type]
+        (lambda: ProMP(5, 20, np.inf), r"width is inf; .*\(0, inf\)"),
+        (lambda: DMP(alpha="stiff"), "alpha is 'stiff'; .*number"),  # type: ignore[arg-type]
     ],
 )
 def test_bad_settings_are_refused_with_their_value(make: Any, message: str) -> None:

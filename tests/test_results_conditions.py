@@ -193,6 +193,35 @@ def test_a_wrong_renderer_is_told_in_one_line() -> None:
     )  # fmt: skip
     assert done.returncode == 2
     assert "MUJOCO_GL: foo" in done.stderr and "Traceback" not in done.stderr
+    assert "it must be egl (" in done.stderr and "osmesa (" in done.stderr
+    assert "glfw (" in done.stderr and "RuntimeError" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("backend", "message"),
+    [
+        ("foo", "MuJoCo cannot be imported with MUJOCO_GL: foo"),
+        ("disable", "(MUJOCO_GL is disable): that switches MuJoCo's rendering off. Set"),
+        ("glfw", "(MUJOCO_GL is glfw): there is no display. Set"),
+    ],
+)
+def test_a_wrong_renderer_is_told_to_whoever_makes_an_environment(
+    backend: str, message: str
+) -> None:
+    script = (
+        "import gymnasium, benchmark_envs\n"
+        "env = gymnasium.make('nmp/Bottles-v0', render_mode='rgb_array')\n"
+        "env.reset(seed=0)\nenv.render()\n"
+    )
+    without = environment(MUJOCO_GL=backend)
+    for display in ("DISPLAY", "WAYLAND_DISPLAY"):
+        without.pop(display, None)
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", script], env=without, capture_output=True, text=True
+    )
+    told = done.stderr.strip().splitlines()[-1]
+    assert told.startswith("benchmark_envs.exceptions.RenderingUnavailableError: "), done.stderr
+    assert message in told
 
 
 def test_a_copy_inside_another_repository_names_no_commit(

@@ -262,6 +262,20 @@ def test_the_expert_keeps_limits_or_says_what_it_breaks(task: ArmTask) -> None:
         ({"start": [9.0, 0, 1, 0, 0, 0]}, r"'turn' begins at 9; its range is \[-2.8, 2.8\]"),
         ({"ranges": {"knee": (0, 1)}}, "ranges names 'knee'"),
         ({"ranges": {"turn": (1, -1)}}, r"range is \[1, -1\]"),
+        ({"path": None}, "path is None; it must be the path of an MJCF file"),
+        ({"joints": "turn"}, "joints is 'turn'; it must be a list of texts"),
+        ({"joints": 3}, "joints is 3; it must be a list of texts"),
+        ({"start": [9.0, 0, 1, 0, 0, 0]}, r"give another start, or ranges=\{'turn': \(a, b\)\}"),
+        ({"start": [np.nan, 0, 1, 0, 0, 0]}, r"start is \[nan, .* 6 finite numbers"),
+        ({"start": "home"}, "start is 'home'; it must be 6 finite numbers"),
+        ({"start": [[0], [1, 2]]}, r"start is \[\[0\], \[1, 2\]\]; it must be 6 finite"),
+        ({"ranges": {"turn": 1}}, r"range of 'turn' has shape \(\); 2 numbers"),
+        ({"ranges": {"turn": ("a", "b")}}, r"range of 'turn' is \('a', 'b'\); .* 2 finite"),
+        ({"ranges": {"turn": (-np.inf, np.inf)}}, r"is \(-inf, inf\); it must be 2 finite"),
+        ({"ranges": [(0, 1)]}, r"ranges is \[\(0, 1\)\]; it must be a dictionary"),
+        ({"axis": [0, 0, 0]}, r"axis is \[0, 0, 0\]; it must be a direction"),
+        ({"axis": [0, 1]}, r"axis has shape \(2,\); 3 numbers"),
+        ({"axis": "z"}, "axis is 'z'; it must be 3 finite numbers"),
     ],
 )
 def test_arms_that_cannot_be(arguments: dict[str, Any], message: str) -> None:
@@ -299,6 +313,28 @@ def test_a_file_that_is_no_mjcf_and_joints_without_range(tmp_path: Path) -> None
         ({"watched": ["ball"]}, "no body 'ball' to be watched; there are"),
         ({"duration": 0.0}, "duration is 0.0 s"),
         ({"tolerance": -1.0}, "positive numbers are needed"),
+        ({"tolerance": "a"}, "tolerance is 'a' m; finite and positive numbers"),
+        ({"duration": "1"}, "duration is '1' s"),
+        ({"duration": np.inf}, "duration is inf s"),
+        ({"n_time_points": 10.5}, "n_time_points is 10.5; it must be a whole number >= 2"),
+        ({"n_threads": "two"}, "n_threads is 'two'; it must be a whole number >= 0"),
+        ({"context_low": "a"}, "context_low is 'a'; it must be a number for each of"),
+        ({"context_low": [-np.inf, 0.0]}, r"context_low is \[-inf, 0.0\] .* finite"),
+        ({"context_names": "hole x [m]"}, "context_names is 'hole x .* a list of texts"),
+        ({"watched": "hole"}, "watched is 'hole'; it must be a list of texts"),
+        ({"placed": ["hole"]}, r"placed is \['hole'\]; it must be a dictionary"),
+        ({"placed": {"hole": [0, 0, 0]}}, r"placed\['hole'\] is \[0, 0, 0\]; .* a function of"),
+        (
+            {"placed": {"hole": lambda c: c}},
+            r"placed\['hole'\] returns has shape \(2,\); 3 numbers",
+        ),
+        ({"placed": {"hole": lambda c: [0, 0, np.nan]}}, "3 finite numbers"),
+        ({"limits": 3.0}, "limits is 3.0; it must be MotionLimits or None"),
+        ({"limits": MotionLimits(velocity=[1, 2])}, r"velocity has shape \(2,\); give one number"),
+        (
+            {"context_low": [4.0, 4.0], "context_high": [5.0, 5.0]},
+            r"out of reach in the context \[4.0, 4.0\].* peg_tip comes at most 1\.",
+        ),
     ],
 )
 def test_tasks_that_cannot_be(arguments: dict[str, Any], message: str) -> None:
@@ -315,11 +351,44 @@ def test_tasks_that_cannot_be(arguments: dict[str, Any], message: str) -> None:
         ([ViaPose([0, 0])], "position is .* 3 finite numbers"),
         ([ViaPose([0, 0, 0], at=0.5, axis=DOWN), ViaPose([0, 0, 0])], "to all or none"),
         ([ViaPose([0, 0, 0], counts=False)], "no via-pose counts"),
+        (ViaPose([0, 0, 0]), "the way is ViaPose.* a list of ViaPose"),
+        (None, "the way is None; it must be a list"),
+        ([ViaPose("abc")], "position is 'abc'; it must be 3 finite numbers"),
+        ([ViaPose([0, 0, 0], axis=[0, 0, 0])], r"axis is \[0, 0, 0\]; give a direction"),
+        ([ViaPose([0, 0, 0], at="1")], "at is '1'; it must be a number > 0"),  # type: ignore[arg-type]
+        ([ViaPose([0, 0, 0], at=np.nan)], "at is nan; it must be a number > 0"),
+        ([ViaPose([0, 0, 0], tolerance=-1.0)], "tolerance is -1.0; it must be a number > 0"),
     ],
 )
-def test_ways_that_lead_nowhere(way: list[ViaPose], message: str) -> None:
+def test_ways_that_lead_nowhere(way: Any, message: str) -> None:
     with pytest.raises(TaskError, match=message):
         check_way(way)
+
+
+@pytest.mark.parametrize(
+    ("way", "message"),
+    [
+        ([ViaPose([0.5, 0, 0.1])], "way is .* a function of the context"),
+        (lambda hole: [ViaPose([hole[5], 0, 0])], r"way raised IndexError .* shape \(2,\)"),
+        (lambda hole: None, "the way is None"),
+    ],
+)
+def test_a_way_is_asked_before_any_work_begins(way: Any, message: str) -> None:
+    with pytest.raises(TaskError, match=message):
+        ArmTask(
+            Arm(PEG_ARM, tip="peg_tip", start=START), way, context_names=["x [m]", "y [m]"],
+            context_low=[0.35, -0.25], context_high=[0.6, 0.25],
+        )  # fmt: skip
+
+
+def test_the_reach_is_an_upper_bound_and_joints_of_another_number_are_refused() -> None:
+    arm = Arm(PEG_ARM, tip="peg_tip", start=START)
+    base, reach = arm.reach()
+    drawn = np.random.default_rng(0).uniform(arm.low, arm.high, (300, arm.n_joints))
+    far = [float(np.linalg.norm(arm.tip_position(joints) - base)) for joints in drawn]
+    assert 0.9 * reach < max(far) <= reach
+    with pytest.raises(TaskError, match=r"joints has shape \(1,\); 6 numbers"):
+        arm.tip_position([0.0])
 
 
 def test_what_is_out_of_reach_and_an_expert_that_is_not_installed(
@@ -341,6 +410,8 @@ def test_what_is_out_of_reach_and_an_expert_that_is_not_installed(
         ({"velocity": [1.0] * 3}, np.zeros((5, 2)), r"shape \(3,\); give one number, or one for"),
         ({"velocity": 1.0}, np.zeros(5), r"shape \(5,\); \(N, T, D\)"),
         ({"velocity": 1.0}, np.full((5, 2), np.nan), "trajectory 0 holds nan at time point 0"),
+        ({"velocity": "fast"}, None, "velocity is 'fast'; it must be positive"),
+        ({"velocity": 1.0}, "a", "trajectory is 'a'; it must be numbers"),
     ],
 )
 def test_limits_that_cannot_be_checked(limits: Any, path: Any, message: str) -> None:

@@ -522,13 +522,13 @@ def test_unknown_ids_settings_and_modes_list_what_exists() -> None:
 
 @TASKS
 def test_the_last_rollout_is_rendered_to_frames(task_id: str) -> None:
-    env = gym.make(task_id, render_mode="rgb_array_list")
-    context, _ = env.reset()
-    task: Task = env.unwrapped.task  # pyright: ignore[reportAttributeAccessIssue]
     try:
+        env = gym.make(task_id, render_mode="rgb_array_list")
+        context, _ = env.reset()
         first: Any = env.unwrapped.render()
     except RenderingUnavailableError as error:
         pytest.skip(str(error))
+    task: Task = env.unwrapped.task  # pyright: ignore[reportAttributeAccessIssue]
     env.step(task.demonstrate(context))
     frames: Any = env.unwrapped.render()
     (begin,) = first

@@ -128,6 +128,16 @@ def test_a_module_that_breaks_when_imported_is_told(
         (["--task", "nmp/ViaPoints-v0", "--algorithm", "nope"], "no algorithm 'nope'; it has"),
         (["--task", "nmp/ViaPoints-v0", "--algorithm", "a.b:C"], "'a.b:C' cannot be imported"),
         (["--algorithm", "ga"], "--algorithm goes with --task"),
+        *(
+            (["--task", "nmp/ViaPoints-v0", "--algorithm", path], message)
+            for path, message in (
+                ("os:system", "'os:system' is a builtin_function_or_method and no algorithm: that"),
+                ("math:pi", "'math:pi' is a float and no algorithm"),
+                ("sb3_nmp:ACNMPCritic", "is a class of another kind and no algorithm"),
+                ("sb3_nmp:TrajectoryAlgorithm", "is an abstract class and no algorithm"),
+                (":REPS", "':REPS' cannot be imported (ValueError: Empty module name)"),
+            )
+        ),
     ],
 )
 def test_wrong_usage_is_told(

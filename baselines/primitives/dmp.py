@@ -7,7 +7,6 @@ from functools import lru_cache
 import numpy as np
 
 from baselines.primitives.primitive import FloatArray, Primitive, Response
-from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.settings import settings_name
 
 
@@ -52,11 +51,8 @@ class DMP(Primitive):
     def __post_init__(self) -> None:
         """Check the values."""
         self.check()
-        if not (self.alpha > 0 and self.beta > 0):
-            raise ConfigurationError(f"alpha is {self.alpha}, beta {self.beta}; both must be > 0.")
-        for name in ("final_phase", "overlap"):
-            if not 0 < getattr(self, name) < 1:
-                raise ConfigurationError(f"{name} is {getattr(self, name)}; it must lie in (0, 1).")
+        for name, high in (("alpha", np.inf), ("beta", np.inf), ("final_phase", 1), ("overlap", 1)):
+            self.check_number(name, 0.0, high)
 
     def response(self) -> Response:
         """Return the system's response to unit weights, start and goal."""

@@ -5,6 +5,7 @@ Shape letters: N rollouts, T time points, D dimensions, K bases per dimension.
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,11 +45,29 @@ class Primitive(ABC):
     def check(self) -> None:
         """Check the two sizes.
 
-        :raises ConfigurationError: fewer than 2 bases or time points
+        :raises ConfigurationError: no whole number, or fewer than 2 bases or time points
         """
         for name in ("n_bases", "n_time_points"):
-            if getattr(self, name) < 2:
-                raise ConfigurationError(f"{name} is {getattr(self, name)}; at least 2 are needed.")
+            given = getattr(self, name)
+            if not isinstance(given, Integral) or given < 2:
+                raise ConfigurationError(
+                    f"{name} is {given!r}; it must be a whole number, and at least 2 are needed."
+                )
+
+    def check_number(self, name: str, low: float, high: float) -> None:
+        """Check another setting.
+
+        :param name: of it
+        :param low: below it
+        :param high: above it
+        :raises ConfigurationError: no number, or none between these
+        """
+        given = getattr(self, name)
+        number = isinstance(given, int | float | np.number) and not isinstance(given, bool)
+        if not number or not low < given < high:
+            raise ConfigurationError(
+                f"{name} is {given!r}; it must be a number and lie in ({low:g}, {high:g})."
+            )
 
     def trajectories(self, weights: ArrayLike, start: ArrayLike, goal: ArrayLike) -> FloatArray:
         """Return the trajectories of a batch of weights, shape (N, T, D).

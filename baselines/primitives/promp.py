@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from baselines.primitives.primitive import FloatArray, Primitive, Response
 from baselines.primitives.weight_distribution import WeightDistribution
-from sb3_nmp.common.exceptions import ConfigurationError, InvalidDataError
+from sb3_nmp.common.exceptions import InvalidDataError
 from sb3_nmp.common.settings import settings_name
 
 
@@ -40,8 +40,7 @@ class ProMP(Primitive):
     def __post_init__(self) -> None:
         """Check the values."""
         self.check()
-        if not self.width > 0:
-            raise ConfigurationError(f"width is {self.width}; it must be > 0.")
+        self.check_number("width", 0.0, np.inf)
 
     def response(self) -> Response:
         """Return the bases; start and goal have no effect of their own."""

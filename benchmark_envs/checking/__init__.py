@@ -1,9 +1,10 @@
 """`check_task`: whether a task keeps the contract, rule by rule, as Gymnasium's ``check_env``."""
 
 from collections.abc import Callable
+from numbers import Integral
 
 from benchmark_envs.checking import contexts, declarations, outcomes
-from benchmark_envs.checking.examined import Examined, require
+from benchmark_envs.checking.examined import Examined, apply, require
 from benchmark_envs.exceptions import TaskContractError
 from benchmark_envs.task import Task
 
@@ -12,6 +13,7 @@ TASK_RULES: tuple[Callable[[Examined], None], ...] = (
     declarations.everything_is_declared,
     declarations.spaces_are_finite_boxes,
     declarations.every_entry_has_a_name_with_its_unit,
+    declarations.what_is_said_is_text,
     declarations.the_scale_has_an_entry_per_dimension,
     declarations.time_goes_on,
     declarations.the_rewards_have_a_range,
@@ -53,7 +55,11 @@ def check_task(task: Task, n_contexts: int = 5, seed: int = 0) -> None:
             f"{task!r} is a {type(task).__name__}; give an instance of a subclass of "
             "benchmark_envs.Task, such as make_task('nmp/Bottles-v0')."
         )
-    require(n_contexts >= 2, f"n_contexts is {n_contexts}; at least 2 contexts are needed.")
+    for name, value, least in (("n_contexts", n_contexts, 2), ("seed", seed, 0)):
+        whole = isinstance(value, Integral) and not isinstance(value, bool)
+        require(
+            whole and value >= least, f"{name} is {value!r}; it must be a whole number >= {least}."
+        )
     examined = Examined(task, n_contexts, seed)
     for rule in TASK_RULES:
-        rule(examined)
+        apply(rule, examined)

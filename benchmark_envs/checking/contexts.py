@@ -3,8 +3,9 @@
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from benchmark_envs.checking.examined import Examined, require
+from benchmark_envs.checking.examined import Examined, numbers, require
 from benchmark_envs.exceptions import (
     InvalidContextError,
     InvalidTrajectoryError,
@@ -72,11 +73,7 @@ def _trajectories(it: Examined, name: str, make: Callable[[FloatArray], FloatArr
     space, found = it.task.trajectory_space, []
     for given in it.contexts:
         context = given.copy()
-        made = np.asarray(make(context), np.float64)
-        try:
-            it.task.check_trajectories(made if made.ndim == 2 else made[None, None])
-        except InvalidTrajectoryError as error:
-            raise TaskContractError(f"{it.name}.{name} returned no trajectory: {error}") from error
+        made = _trajectory(it, name, make(context))
         beyond = float(np.max(np.maximum(made - space.high, space.low - made)))
         require(
             beyond <= 1e-6,
@@ -99,6 +96,22 @@ def _trajectories(it: Examined, name: str, make: Callable[[FloatArray], FloatArr
         )
         found.append(before)
     return np.stack(found)
+
+
+def _trajectory(it: Examined, name: str, returned: ArrayLike) -> FloatArray:
+    """Return what a method returned, shape (T, D), or raise unless it is a trajectory."""
+    shape = it.task.trajectory_space.shape
+    found = numbers(returned)
+    try:
+        if found.ndim == 2:
+            return it.task.check_trajectories(found)[0]
+    except InvalidTrajectoryError as error:
+        raise TaskContractError(f"{it.name}.{name} returned no trajectory: {error}") from error
+    raise TaskContractError(
+        f"{it.name}.{name} returned no trajectory but a {type(returned).__name__} of shape "
+        f"{np.shape(found) if found.size > 1 else ()}; it must be an array of shape (T, D) = "
+        f"{shape} ({', '.join(it.task.trajectory_names)})."
+    )
 
 
 def what_is_no_context_or_trajectory_is_refused(it: Examined) -> None:

@@ -1,11 +1,12 @@
 """Rules about what a task says of itself."""
 
 import json
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from gymnasium import spaces
 
-from benchmark_envs.checking.examined import Examined, built_again, require
+from benchmark_envs.checking.examined import Examined, built_again, numbers, require
 from benchmark_envs.task import unit_of
 
 DECLARED = (
@@ -46,6 +47,10 @@ def every_entry_has_a_name_with_its_unit(it: Examined) -> None:
     for kind, space in wanted:
         names = getattr(it.task, kind)
         require(
+            isinstance(names, list | tuple) and _texts(names),
+            f"{it.name}.{kind} is {names!r}; it must be a tuple of texts, such as ('goal x [m]',).",
+        )
+        require(
             len(names) == space.shape[-1],
             f"{it.name}.{kind} holds {len(names)} names, {names}, for {space.shape[-1]} entries "
             f"of a space of shape {space.shape}; give one for each.",
@@ -58,9 +63,38 @@ def every_entry_has_a_name_with_its_unit(it: Examined) -> None:
             )
 
 
+def what_is_said_is_text(it: Examined) -> None:
+    """Terms are texts by name, modes a tuple of texts, the optimum a name and its reward."""
+    terms, modes, optimum = it.task.reward_terms, it.task.modes, it.task.optimum
+    require(
+        isinstance(terms, Mapping) and _texts([*terms, *terms.values()]),
+        f"{it.name}.reward_terms is {terms!r}; it must be a dictionary from each term's name to "
+        "what it means, such as {'distance': 'minus the distance to the target [m]'}.",
+    )
+    require(
+        isinstance(modes, list | tuple) and modes and _texts(modes),
+        f"{it.name}.modes is {modes!r}; it must be a tuple of texts, at least one: ('default',).",
+    )
+    for name in ("step_reward", "error_unit"):
+        require(
+            isinstance(getattr(it.task, name), str),
+            f"{it.name}.{name} is {getattr(it.task, name)!r}; it must be a text, '' for none.",
+        )
+    named = isinstance(optimum, list | tuple) and len(optimum) == 2 and isinstance(optimum[0], str)
+    require(
+        optimum is None or (named and numbers(optimum[1]).shape == ()),
+        f"{it.name}.optimum is {optimum!r}; it must be a name and a reward, such as "
+        "('the shortest way', -0.1), or None.",
+    )
+
+
+def _texts(values: Iterable[object]) -> bool:
+    return all(isinstance(value, str) for value in values)
+
+
 def the_scale_has_an_entry_per_dimension(it: Examined) -> None:
     """Exploration begins at a finite scale above 0 in each dimension."""
-    scale, n_dimensions = np.asarray(it.task.exploration_scale), it.task.trajectory_space.shape[1]
+    scale, n_dimensions = numbers(it.task.exploration_scale), it.task.trajectory_space.shape[1]
     require(
         scale.shape == (n_dimensions,) and np.isfinite(scale).all() and (scale > 0).all(),
         f"{it.name}.exploration_scale is {it.task.exploration_scale}; it must be {n_dimensions} "
@@ -70,20 +104,21 @@ def the_scale_has_an_entry_per_dimension(it: Examined) -> None:
 
 def time_goes_on(it: Examined) -> None:
     """The time step is finite and above 0."""
+    dt = numbers(it.task.dt)
     require(
-        np.isfinite(it.task.dt) and it.task.dt > 0,
-        f"{it.name}.dt is {it.task.dt}; it must be a finite number of seconds > 0: the time from "
+        dt.shape == () and np.isfinite(dt) and dt > 0,
+        f"{it.name}.dt is {it.task.dt!r}; it must be a finite number of seconds > 0: the time from "
         "one set-point to the next.",
     )
 
 
 def the_rewards_have_a_range(it: Examined) -> None:
     """The worst reward is finite and below the best one."""
-    low, high = it.task.reward_range
+    ends = numbers(it.task.reward_range)
     require(
-        np.isfinite([low, high]).all() and low < high,
-        f"{it.name}.reward_range is {(low, high)}; it must be two finite numbers, the worst reward "
-        "before the best: a rollout that breaks down is given the worst.",
+        ends.shape == (2,) and np.isfinite(ends).all() and ends[0] < ends[1],
+        f"{it.name}.reward_range is {it.task.reward_range!r}; it must be two finite numbers, the "
+        "worst reward before the best: a rollout that breaks down is given the worst.",
     )
 
 
@@ -108,7 +143,12 @@ def settings_build_the_same_task(it: Examined) -> None:
 def what_is_told_is_plain_json(it: Examined) -> None:
     """Metadata, and the scene of a planar task, can be written into a record."""
     _plain_json(it, "metadata()", it.task.metadata())
-    _plain_json(it, "scene(context)", it.task.scene(it.contexts[0]))
+    scene = it.task.scene(it.contexts[0])
+    require(
+        scene is None or isinstance(scene, dict),
+        f"{it.name}.scene(context) is {scene!r}; it must be a dictionary (Task.scene), or None.",
+    )
+    _plain_json(it, "scene(context)", scene)
 
 
 def _plain_json(it: Examined, what: str, value: object) -> None:

@@ -3,12 +3,16 @@
 Shape letters: N rollouts, T time points, D dimensions of the trajectory, C context.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from benchmark_envs.exceptions import TaskContractError
+from benchmark_envs.arguments import as_numbers
+from benchmark_envs.exceptions import TaskContractError, TaskError
 from benchmark_envs.rollouts import FloatArray, Rollouts
 from benchmark_envs.task import Task
 
@@ -49,7 +53,13 @@ class Examined:
     @cached_property
     def rollouts(self) -> Rollouts:
         """What comes of the trajectories, each in its context."""
-        return self.task.simulate(self.contexts, self.trajectories)
+        made = self.task.simulate(self.contexts, self.trajectories)
+        require(
+            isinstance(made, Rollouts),
+            f"{self.name}.simulate returned a {type(made).__name__}; it must be Rollouts: override "
+            "_execute rather than simulate.",
+        )
+        return made
 
 
 def require(holds: object, sentence: str) -> None:
@@ -61,6 +71,36 @@ def require(holds: object, sentence: str) -> None:
     """
     if not holds:
         raise TaskContractError(sentence)
+
+
+def apply(rule: Callable[[Examined], None], it: Examined) -> None:
+    """Ask a rule of a task; whatever else the task raises is told in a sentence.
+
+    :param rule: one of `TASK_RULES`
+    :param it: the task
+    :raises TaskContractError: it breaks the rule, or raises another error
+    """
+    try:
+        rule(it)
+    except TaskContractError:
+        raise
+    except Exception as error:
+        asked = (rule.__doc__ or rule.__name__).splitlines()[0]
+        raise TaskContractError(
+            f"{it.name} raised {type(error).__name__} ({error}) where this was asked of it: "
+            f"{asked} Mend what raises it; the traceback above shows the line."
+        ) from error
+
+
+def numbers(value: object) -> FloatArray:
+    """Return what a task declares as float64; nan where it is no array of numbers.
+
+    :param value: of any kind
+    """
+    try:
+        return as_numbers("it", cast(ArrayLike, value), "numbers")
+    except TaskError:
+        return np.array(np.nan)
 
 
 def built_again(it: Examined, **threads: int) -> Task:

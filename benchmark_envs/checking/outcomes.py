@@ -1,6 +1,7 @@
 """Rules about rollouts: what is measured, and what it may depend on."""
 
 import inspect
+from collections.abc import Mapping
 
 import numpy as np
 from gymnasium.utils.env_checker import check_env
@@ -8,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from benchmark_envs.checking.examined import Examined, built_again, require
 from benchmark_envs.exceptions import TaskContractError
-from benchmark_envs.rollouts import Measured, Rollouts
+from benchmark_envs.rollouts import FloatArray, Measured, Rollouts
 from benchmark_envs.trajectory_env import TrajectoryEnv
 
 
@@ -20,7 +21,31 @@ def what_is_measured_has_its_shapes(it: Examined) -> None:
         isinstance(measured, Measured),
         f"{it.name}._execute returned a {type(measured).__name__}; it must be a Measured.",
     )
-    n = (2,)
+    for name in ("terms", "paths", "outcomes"):
+        value = getattr(measured, name)
+        require(
+            isinstance(value, Mapping),
+            f"{it.name} measured {name} = {value!r}; it must be a dictionary of arrays by name.",
+        )
+    _arrays_fit(it, measured, contexts, trajectories)
+    for name in ("successes", "diverged", "clipped"):
+        value = getattr(measured, name)
+        kind = None if value is None else np.asarray(value).dtype.kind
+        require(kind in (None, "b"), f"{it.name} measured {name} = {value}; it must be booleans.")
+    for name, path in measured.paths.items():
+        fits = np.ndim(path) == 3 and np.shape(path)[:2] == trajectories.shape[:2]
+        require(
+            fits and np.shape(path)[2] in (2, 3),
+            f"{it.name} measured paths['{name}'] of shape {np.shape(path)}; it must be "
+            f"{(*trajectories.shape[:2], '2 or 3')}: positions in m at the time points.",
+        )
+
+
+def _arrays_fit(
+    it: Examined, measured: Measured, contexts: FloatArray, trajectories: FloatArray
+) -> None:
+    """Raise unless all that is measured is an array of numbers, of its shape."""
+    n = (len(contexts),)
     shapes: dict[str, tuple[ArrayLike | None, tuple[int, ...]]] = {
         "executed": (measured.executed, trajectories.shape),
         "successes": (measured.successes, n),
@@ -32,22 +57,21 @@ def what_is_measured_has_its_shapes(it: Examined) -> None:
         **{f"outcomes['{key}']": (value, n) for key, value in measured.outcomes.items()},
     }
     for name, (value, shape) in shapes.items():
-        found = shape if value is None else np.shape(value)
+        if value is None and name not in ("executed", "successes"):
+            continue  # the others may be left out
+        require(
+            isinstance(value, np.ndarray | np.generic),
+            f"{it.name} measured {name} = {value!r}; it must be an array of shape {shape}.",
+        )
+        found = np.asarray(value).shape
         require(
             found == shape,
             f"{it.name} measured {name} of shape {found}; it must have shape {shape}, a "
             "row for each of 2 rollouts.",
         )
-    for name in ("successes", "diverged", "clipped"):
-        value = getattr(measured, name)
-        kind = None if value is None else np.asarray(value).dtype.kind
-        require(kind in (None, "b"), f"{it.name} measured {name} = {value}; it must be booleans.")
-    for name, path in measured.paths.items():
-        fits = np.ndim(path) == 3 and np.shape(path)[:2] == trajectories.shape[:2]
         require(
-            fits and np.shape(path)[2] in (2, 3),
-            f"{it.name} measured paths['{name}'] of shape {np.shape(path)}; it must be "
-            f"{(*trajectories.shape[:2], '2 or 3')}: positions in m at the time points.",
+            np.asarray(value).dtype.kind in "fiub",
+            f"{it.name} measured {name} of dtype {np.asarray(value).dtype}; it must be numbers.",
         )
 
 
@@ -92,6 +116,14 @@ def rewards_are_finite_and_in_range(it: Examined) -> None:
         f"{it.name} executed a trajectory that holds a value that is not finite; mark what broke "
         "down by Measured(diverged=...).",
     )
+    told = [("outcomes", key, value) for key, value in it.rollouts.outcomes.items()]
+    told += [("paths", key, value) for key, value in it.rollouts.paths.items()]
+    for kind, key, value in told:
+        require(
+            np.isfinite(value).all(),
+            f"{it.name} measured {kind}['{key}'] with a value that is not finite; records and "
+            "figures need numbers: give 0.0 or the last position where there is none.",
+        )
 
 
 def naive_trajectories_leave_something_to_learn(it: Examined) -> None:
@@ -174,7 +206,7 @@ def executed_modes_are_known(it: Examined) -> None:
     for context, executed in zip(it.contexts, it.rollouts.executed, strict=True):
         mode = it.task.mode_of(context, executed)
         require(
-            mode in known,
+            isinstance(mode, str) and mode in known,
             f"{it.name}.mode_of returned {mode!r}; it must be one of modes, {it.task.modes}, or "
             "'' where it cannot tell.",
         )

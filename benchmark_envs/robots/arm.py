@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from benchmark_envs.exceptions import TaskError
+from benchmark_envs.robots.arguments import as_path, checked_ranges, names, vector
 from benchmark_envs.rollouts import FloatArray
 
 Frame = Literal["site", "body", "geom"]
@@ -58,16 +59,19 @@ class Arm:
         ranges: Mapping[str, tuple[float, float]] | None = None,
         axis: ArrayLike = (0.0, 0.0, 1.0),
     ) -> None:
-        self.path, self.tip, self.axis = Path(path), tip, np.array(axis, np.float64)
+        self.path, self.tip, self.axis = as_path(path), tip, vector("axis", axis, 3)
+        if not self.axis.any():
+            raise TaskError(f"axis is {axis}; it must be a direction, such as (0, 0, 1).")
         whole = self._compiled(self._spec())
         self.frame: Frame = _frame_of(whole, tip)
         chain = _chain(whole, self.frame, tip)
-        self.joints = tuple(chain if joints is None else _chosen(joints, chain))
+        self.joints = tuple(chain if joints is None else _chosen(names("joints", joints), chain))
         self._held = tuple(name for name in _robots_joints(whole, chain) if name not in self.joints)
         kinds = [int(whole.joint(name).type[0]) for name in self.joints]
         _check_kinds(self.joints, kinds)
         self.units = tuple(UNITS[mujoco.mjtJoint(kind)] for kind in kinds)
-        self.start, self.low, self.high = _start_and_ranges(whole, self.joints, start, ranges or {})
+        given = checked_ranges(ranges, self.joints)
+        self.start, self.low, self.high = _start_and_ranges(whole, self.joints, start, given)
         #: without other things that move: its generalised positions are the arm's joints
         self.kinematic = self._kinematic_model()
 
@@ -107,13 +111,29 @@ class Arm:
         """Return where the tip is in m, and where its axis points, shape (2, 3).
 
         :param joints: shape (D,)
+        :raises TaskError: another shape, or a value that is not finite
         """
-        data = mujoco.MjData(self.kinematic)
-        data.qpos[:] = joints
-        mujoco.mj_kinematics(self.kinematic, data)
+        data = self._placed(joints)
         tip = getattr(data, self.frame)(self.tip)
         turned = np.array(tip.xmat).reshape(3, 3) @ self.axis
         return np.array([tip.xpos, turned], np.float64)
+
+    def _placed(self, joints: ArrayLike) -> mujoco.MjData:
+        data = mujoco.MjData(self.kinematic)
+        data.qpos[:] = vector("joints", joints, self.n_joints)
+        mujoco.mj_kinematics(self.kinematic, data)
+        return data
+
+    def reach(self) -> tuple[FloatArray, float]:
+        """Return the first joint's place, shape (3,) in m, and how far from it the tip comes, in m.
+
+        At most: all links in a line, and all slides out, which the joints' ranges may not allow.
+        """
+        data = self._placed(self.start)
+        places = np.vstack([data.xanchor, self.tip_position(self.start)])
+        slides = (self.high - self.low)[[unit == "m" for unit in self.units]]
+        links = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        return places[0], float(links.sum() + slides.sum())
 
     def simulated(self, dt: float, watched: Sequence[str] = ()) -> tuple[mujoco.MjModel, int]:
         """Return the model that is simulated, and its steps per time point.
@@ -173,13 +193,15 @@ class Arm:
         try:
             return mujoco.MjSpec.from_file(str(self.path))
         except ValueError as error:
-            raise TaskError(f"MuJoCo cannot read '{self.path}': {error}") from error
+            raise TaskError(f"MuJoCo cannot read '{self.path}': {_one_line(error)}") from error
 
     def _compiled(self, spec: mujoco.MjSpec) -> mujoco.MjModel:
         try:
             return spec.compile()
         except ValueError as error:
-            raise TaskError(f"MuJoCo cannot make a model of '{self.path}': {error}") from error
+            raise TaskError(
+                f"MuJoCo cannot make a model of '{self.path}': {_one_line(error)}"
+            ) from error
 
     def _prepared(self) -> mujoco.MjSpec:
         """Return the file's scene with nothing but this arm's joints left in the robot."""
@@ -277,12 +299,7 @@ def _start_and_ranges(
     ranges: Mapping[str, tuple[float, float]],
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return where the joints begin and the ends of their ranges, each of shape (D,)."""
-    unknown = sorted(set(ranges) - set(joints))
-    if unknown:
-        raise TaskError(f"ranges names '{unknown[0]}'; the joints are {_listed(joints)}.")
-    given = None if start is None else np.array(start, np.float64)
-    if given is not None and (given.shape != (len(joints),) or not np.isfinite(given).all()):
-        raise TaskError(f"start has shape {given.shape}; {len(joints)} numbers are needed.")
+    given = None if start is None else vector("start", start, len(joints))
     found = np.zeros((3, len(joints)))
     for i, name in enumerate(joints):
         joint, reference = model.joint(name), float(model.qpos0[model.joint(name).qposadr[0]])
@@ -292,9 +309,11 @@ def _start_and_ranges(
         if not limited and joint.type[0] == SLIDE:
             raise TaskError(f"the slide '{name}' has no range; give ranges={{'{name}': (a, b)}}.")
         low, high = ends if limited else (begin - WAY_ROUND, begin + WAY_ROUND)
-        if not low <= begin <= high or low >= high:
+        if not low <= begin <= high:
+            unit = UNITS[mujoco.mjtJoint(int(joint.type[0]))]
             raise TaskError(
-                f"the joint '{name}' begins at {begin:.4g}; its range is [{low:.4g}, {high:.4g}]."
+                f"the joint '{name}' begins at {begin:.4g}; its range is [{low:.4g}, {high:.4g}] "
+                f"{unit}: give another start, or ranges={{'{name}': (a, b)}}."
             )
         found[:, i] = begin, low, high
     return found[0], found[1], found[2]
@@ -315,6 +334,10 @@ def _add_sensors(
     places += [(name, kind.mjOBJ_XBODY, name) for name in watched]
     for name, of, what in places:
         spec.add_sensor(name=name, type=sensor.mjSENS_FRAMEPOS, objtype=of, objname=what)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split()).rstrip(".") + "."
 
 
 def _listed(names: Sequence[str]) -> str:

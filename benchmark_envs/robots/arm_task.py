@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
+from numbers import Integral
 from typing import ClassVar
 
 import mujoco
@@ -9,11 +10,13 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike
 
+from benchmark_envs.arguments import as_numbers
 from benchmark_envs.cache import ContextCache
 from benchmark_envs.exceptions import TaskError
 from benchmark_envs.executor import SensorLog
 from benchmark_envs.motion import interpolate
 from benchmark_envs.mujoco_task import MujocoTask
+from benchmark_envs.robots.arguments import asked, check_positive, names, vector
 from benchmark_envs.robots.arm import Arm
 from benchmark_envs.robots.expert import follow
 from benchmark_envs.robots.motion_limits import MotionLimits
@@ -65,8 +68,8 @@ class ArmTask(MujocoTask):
     :param tolerance: of a success, in m
     :param limits: that the expert's trajectories have to keep; None: none but the joints' ranges
     :param n_threads: of the simulator; by default one per core
-    :raises TaskError: bounds that are no box, no such body, or a time or tolerance that is not
-        positive
+    :raises TaskError: bounds that are no box, no such body, a time or tolerance that is not
+        positive, functions that return no way or no place, or via-poses all out of reach
     """
 
     reward_terms: ClassVar[Mapping[str, str]] = {
@@ -94,16 +97,22 @@ class ArmTask(MujocoTask):
         limits: MotionLimits | None = None,
         n_threads: int | None = None,
     ) -> None:
-        if not (duration > 0 and n_time_points >= 2 and tolerance > 0):
-            raise TaskError(
-                f"duration is {duration} s, n_time_points {n_time_points} and tolerance "
-                f"{tolerance} m; at least 2 time points and positive numbers are needed."
-            )
+        check_positive("duration", duration, "s")
+        check_positive("tolerance", tolerance, "m")
+        whole = isinstance(n_time_points, Integral) and n_time_points >= 2
+        for name, given, kind, fits in (
+            ("n_time_points", n_time_points, "a whole number >= 2", whole),
+            ("arm", arm, "an Arm, such as Arm.from_mjcf(path, tip=...)", isinstance(arm, Arm)),
+            ("limits", limits, "MotionLimits or None", isinstance(limits, MotionLimits | None)),
+            ("placed", placed, "a dictionary by body", isinstance(placed or {}, Mapping)),
+        ):
+            if not fits:
+                raise TaskError(f"{name} is {given!r}; it must be {kind}.")
         self.arm, self.way, self.limits, self.tolerance = arm, way, limits, tolerance
         self.context_low, self.context_high = context_low, context_high
-        self.placed, self.watched = dict(placed or {}), tuple(watched)
+        self.placed, self.watched = dict(placed or {}), names("watched", watched)
         self.n_time_points = n_time_points
-        self.context_names, self.trajectory_names = tuple(context_names), arm.names
+        self.context_names, self.trajectory_names = names("context_names", context_names), arm.names
         self.exploration_scale = tuple(SCALES[unit] for unit in arm.units)
         self.context_space = _box(context_low, context_high, self.context_names)
         shape = (n_time_points, arm.n_joints)
@@ -117,6 +126,7 @@ class ArmTask(MujocoTask):
             if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body) < 0:
                 raise TaskError(f"placed names '{body}', which is no body of '{arm.path}'.")
         super().__init__(model, substeps, n_threads)
+        self._try()
         self._answers = ContextCache(self._answer, CACHED)
 
     @property
@@ -149,6 +159,38 @@ class ArmTask(MujocoTask):
         """
         self.check_mode(mode)
         return self._answers[self.check_context(context)].copy()
+
+    def _try(self) -> None:
+        """Ask the user's functions in the lowest, the middle and the highest context.
+
+        :raises TaskError: a function that returns no way or no place, limits of another number, or
+            via-poses that lie out of reach in all of them
+        """
+        low, high = (
+            end.astype(np.float64) for end in (self.context_space.low, self.context_space.high)
+        )
+        base, reach = self.arm.reach()
+        beyond = []
+        for context in (low, (low + high) / 2, high):
+            for body, place in self.placed.items():
+                name = f"placed['{body}']"
+                vector(f"what {name} returns", asked(name, place, context), 3)
+            way = check_way(asked("way", self.way, context))
+            far = [
+                float(np.linalg.norm(np.subtract(each.position, base)))
+                for each in way
+                if each.counts
+            ]
+            beyond.append(max(far) - reach)
+        if min(beyond) > self.tolerance:
+            raise TaskError(
+                f"via-poses lie out of reach in the context {low.tolist()}, in {high.tolist()} and "
+                f"midway, by at least {min(beyond):.3g} m: {self.arm.tip} comes at most "
+                f"{reach:.3g} m from {base.round(3).tolist()} m. Bring them nearer, in m."
+            )
+        if self.limits is not None:
+            rest = np.tile(self.arm.start, (2, 1))
+            self.limits.check(rest, self.dt, self.trajectory_names)
 
     def _answer(self, context: FloatArray) -> FloatArray:
         way = check_way(self.way(context))
@@ -216,10 +258,13 @@ class ArmTask(MujocoTask):
 
 
 def _box(low: ArrayLike, high: ArrayLike, names: tuple[str, ...]) -> spaces.Box:
-    ends = np.array(low, np.float32), np.array(high, np.float32)
-    if any(end.shape != (len(names),) for end in ends) or not (ends[0] < ends[1]).all():
+    rule = f"a number for each of {list(names)}"
+    pairs = (("context_low", low), ("context_high", high))
+    ends = [as_numbers(name, given, rule).astype(np.float32) for name, given in pairs]
+    fit = all(end.shape == (len(names),) and np.isfinite(end).all() for end in ends)
+    if not names or not fit or not (ends[0] < ends[1]).all():
         raise TaskError(
             f"context_low is {low} and context_high {high}; each needs a number for each of "
-            f"{list(names)}, and the low one must be smaller."
+            f"{list(names)}, finite, and the low one must be smaller."
         )
-    return spaces.Box(*ends)
+    return spaces.Box(ends[0], ends[1])

@@ -5,11 +5,13 @@ Shape letters: N trajectories, T time points, D dimensions.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from benchmark_envs.arguments import as_numbers
 from benchmark_envs.exceptions import InvalidTrajectoryError, TaskError
 from benchmark_envs.rollouts import FloatArray
 
@@ -82,12 +84,11 @@ class MotionLimits:
     def __post_init__(self) -> None:
         """Check the values."""
         for quantity in ORDERS:
-            limit = getattr(self, quantity)
-            if limit is not None and not (np.asarray(limit, np.float64) > 0).all():
-                raise TaskError(
-                    f"the limit of {quantity} is {limit}; it must be positive, a number for all "
-                    "dimensions or one for each, or None for no limit."
-                )
+            limit, rule = getattr(self, quantity), "positive, a number for all dimensions or one"
+            rule += " for each, or None for no limit"
+            name = f"the limit of {quantity}"
+            if limit is not None and not (as_numbers(name, limit, rule) > 0).all():
+                raise TaskError(f"{name} is {limit}; it must be {rule}.")
 
     def violations(
         self,
@@ -106,8 +107,8 @@ class MotionLimits:
         :raises TaskError: a number of limits or names that is not D, or a time that is not positive
         """
         paths = _checked(getattr(trajectories, "trajectories", trajectories))
-        if not dt > 0:
-            raise TaskError(f"dt is {dt}; the time between set-points must be positive, in s.")
+        if not isinstance(dt, Real) or not dt > 0:
+            raise TaskError(f"dt is {dt!r}; the time between set-points must be positive, in s.")
         named = [f"q{i + 1}" for i in range(paths.shape[2])] if names is None else list(names)
         if len(named) != paths.shape[2]:
             raise TaskError(f"{len(named)} names were given for {paths.shape[2]} dimensions.")
@@ -184,7 +185,8 @@ def _worst(
 
 
 def _checked(trajectories: ArrayLike) -> FloatArray:
-    paths = np.asarray(trajectories, np.float64)
+    rule = "numbers, of shape (N, T, D) or (T, D)"
+    paths = as_numbers("the trajectory", trajectories, rule, InvalidTrajectoryError)
     paths = paths[None] if paths.ndim == 2 else paths
     if paths.ndim != 3 or 0 in paths.shape:
         raise InvalidTrajectoryError(

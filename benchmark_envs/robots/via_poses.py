@@ -3,10 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from benchmark_envs.arguments import as_numbers
 from benchmark_envs.exceptions import TaskError
 from benchmark_envs.motion import minimum_jerk
 from benchmark_envs.rollouts import FloatArray
@@ -40,24 +42,39 @@ def check_way(way: Sequence[ViaPose]) -> Sequence[ViaPose]:
     :raises TaskError: none, another type, times that do not rise within (0, 1], a wrong shape, or
         an axis for some alone
     """
-    if not way or not all(isinstance(each, ViaPose) for each in way):
+    listed = isinstance(way, list | tuple) and way
+    if not listed or not all(isinstance(each, ViaPose) for each in way):
         raise TaskError(f"the way is {way!r}; it must be a list of ViaPose, at least one.")
+    for each in way:
+        _check_numbers(each)
     times = [0.0, *(each.at for each in way)]
     if not all(one < other for one, other in pairwise(times)) or times[-1] > 1:
         raise TaskError(
             f"the via-poses are due at {times[1:]} of the duration; the times must rise, and lie "
             "in (0, 1]."
         )
-    for each in way:
-        for name, given in (("position", each.position), ("axis", each.axis)):
-            value = np.asarray(np.zeros(3) if given is None else given, np.float64)
-            if value.shape != (3,) or not np.isfinite(value).all():
-                raise TaskError(f"a via-pose's {name} is {given}; it needs 3 finite numbers.")
     if len({each.axis is None for each in way}) > 1:
         raise TaskError("some via-poses have an axis and some have none; give it to all or none.")
     if not any(each.counts for each in way):
         raise TaskError("no via-pose counts; the reward needs at least one with counts=True.")
     return way
+
+
+def _check_numbers(pose: ViaPose) -> None:
+    """Raise unless position and axis are 3 finite numbers, and time and tolerance are numbers."""
+    for name, given in (("position", pose.position), ("axis", pose.axis)):
+        rule = "3 finite numbers"
+        value = as_numbers(f"a via-pose's {name}", np.ones(3) if given is None else given, rule)
+        if value.shape != (3,) or not np.isfinite(value).all():
+            raise TaskError(f"a via-pose's {name} is {given}; it needs 3 finite numbers.")
+        if name == "axis" and not value.any():
+            raise TaskError(f"a via-pose's axis is {given}; give a direction, such as (0, 0, 1).")
+    for name, number in (("at", pose.at), ("tolerance", pose.tolerance)):
+        if not isinstance(number, Real | None) or (number is not None and not number > 0):
+            raise TaskError(
+                f"a via-pose's {name} is {number!r}; it must be a number > 0"
+                f"{'' if name == 'at' else ', or None for the task' + chr(39) + 's'}."
+            )
 
 
 def smooth_way(

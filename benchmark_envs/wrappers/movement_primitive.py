@@ -4,6 +4,7 @@ Shape letters: T time points, D dimensions, C context, K weights per dimension.
 """
 
 from collections.abc import Callable
+from numbers import Real
 from typing import Any, Protocol
 
 import gymnasium as gym
@@ -11,6 +12,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
+from benchmark_envs.arguments import as_numbers, check_flag
 from benchmark_envs.exceptions import InvalidTrajectoryError, TaskError
 from benchmark_envs.rollouts import FloatArray
 from benchmark_envs.wrappers import trajectory_arguments
@@ -101,17 +103,20 @@ class MovementPrimitiveWrapper(
             reach=reach,
             moves_goal=moves_goal,
         )
-        gym.ActionWrapper.__init__(self, env)
+        gym.ActionWrapper.__init__(self, trajectory_arguments.check_env(env))
         self.trajectory_space = _trajectory_space(env.action_space)
         n_time_points, n_dimensions = self.trajectory_space.shape
+        _check_primitive(primitive, n_time_points)
+        check_flag("moves_goal", moves_goal)
         if primitive.n_time_points != n_time_points:
             raise TaskError(
                 f"the primitive has {primitive.n_time_points} time points, but a trajectory of "
                 f"this environment has {n_time_points}: build it with "
                 f"n_time_points={n_time_points}."
             )
-        if not 0 < reach < np.inf:
-            raise TaskError(f"reach is {reach}; it must be a finite number > 0, such as 5.")
+        number = isinstance(reach, Real) and not isinstance(reach, bool)
+        if not (number and 0 < reach < np.inf):
+            raise TaskError(f"reach is {reach!r}; it must be a finite number > 0, such as 5.")
         self.reach = reach
         self._mean = mean if mean is None or callable(mean) else self._check_mean(mean)
         self._bases = _bases(primitive, moves_goal)
@@ -140,7 +145,8 @@ class MovementPrimitiveWrapper(
         :param action: the weights, shape (K D,)
         :raises InvalidTrajectoryError: wrong shape or non-finite value
         """
-        weights = np.asarray(action, np.float64)
+        rule = f"{self.action_space.shape} finite numbers"
+        weights = as_numbers("the action", action, rule, InvalidTrajectoryError)
         if weights.shape != self.action_space.shape or not np.isfinite(weights).all():
             raise InvalidTrajectoryError(
                 f"the weights have shape {weights.shape} or are not finite; this environment takes "
@@ -180,7 +186,8 @@ class MovementPrimitiveWrapper(
         return (self.trajectory_space.low.astype(np.float64) + self.trajectory_space.high) / 2
 
     def _check_mean(self, trajectory: ArrayLike) -> FloatArray:
-        checked = np.asarray(trajectory, np.float64)
+        rule = f"finite numbers, of shape (T, D) = {self.trajectory_space.shape}"
+        checked = as_numbers("the trajectory", trajectory, rule)
         if checked.shape != self.trajectory_space.shape or not np.isfinite(checked).all():
             raise TaskError(
                 f"the trajectory has shape {checked.shape} or is not finite; it must be finite "
@@ -216,6 +223,20 @@ def _trajectory_space(space: gym.Space[Any]) -> spaces.Box:
     return space
 
 
+def _check_primitive(primitive: object, n_time_points: int) -> None:
+    """Raise unless an object, rather than its name or class, has what is asked of a primitive.
+
+    :raises TaskError: it has not
+    """
+    members = ("n_bases", "n_time_points", "trajectories")
+    missing = [name for name in members if not hasattr(primitive, name)]
+    if missing or isinstance(primitive, type):
+        raise TaskError(
+            f"primitive is {primitive!r}; it must be an object with {', '.join(members)}, such as "
+            f"baselines.ProMP(n_bases=8, n_time_points={n_time_points})."
+        )
+
+
 def _bases(primitive: MovementPrimitive, moves_goal: bool) -> FloatArray:
     """Return what weights of 1 do to a dimension, shape (T, K) or (T, K + 1).
 
@@ -225,7 +246,14 @@ def _bases(primitive: MovementPrimitive, moves_goal: bool) -> FloatArray:
     """
     k = primitive.n_bases
     start, goal = np.zeros(1), np.ones(1)
-    columns = primitive.trajectories(np.eye(k)[:, :, None], start, 0 * goal)[..., 0].T
+    made = np.asarray(primitive.trajectories(np.eye(k)[:, :, None], start, 0 * goal))
+    if made.shape != (k, primitive.n_time_points, 1):
+        raise TaskError(
+            f"{type(primitive).__name__}.trajectories returned shape {made.shape} for weights of "
+            f"shape (N, K, D) = {(k, k, 1)}; it must be (N, T, D) = "
+            f"{(k, primitive.n_time_points, 1)}."
+        )
+    columns = made[..., 0].T
     parts = [("weights", columns)]
     if moves_goal:
         parts.append(("goal", primitive.trajectories(np.zeros((1, k, 1)), start, goal)[0]))

@@ -1,4 +1,4 @@
-"""What `TrajectoryActionWrapper` asks of its arguments, and the messages for those that do not fit.
+"""What the wrappers ask of their arguments, and the messages for those that do not fit.
 
 Shape letters: T time points, D dimensions of a set-point.
 """

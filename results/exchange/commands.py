@@ -68,5 +68,10 @@ def export_ioh(options: argparse.Namespace) -> int:
     for why in held.unreadable.values():
         print(f"nmp-bench: left out: {why}", file=sys.stderr)
     written = export_iohprofiler(held.records, options.out)
-    print(f"Written: {len(written)} functions' runs in {options.out}")
+    functions = {path.name for path in written}
+    algorithms = {path.parent for path in written}
+    print(
+        f"Written: {len(functions)} functions, with runs of {len(algorithms)} algorithms, in "
+        f"{options.out}"
+    )
     return 0

@@ -61,8 +61,8 @@ def import_evaluations(source: Source, folder: Path, overwrite: bool = False) ->
     :param folder: of the runs
     :param overwrite: replace a record of the same name
     :return: the record's file
-    :raises BenchmarkError: no such file, or one that tells no run in one context; a record of that
-        name, or runs of another budget in the folder
+    :raises BenchmarkError: no such file, or one that tells no run in one context; rewards above
+        the task's best; a record of that name, or runs of another budget in the folder
     :raises UnknownTaskError: no such task
     """
     _check(source)
@@ -79,8 +79,9 @@ def import_evaluations(source: Source, folder: Path, overwrite: bool = False) ->
             "(--overwrite)."
         )
     _check_budgets(asked, folder, path)
-    told = RunTask(source.task, source.seed, asked.budget).task_record
-    result = Result(told, Seconds(None, 0.0), Measurements(curve))
+    run = RunTask(source.task, source.seed, asked.budget)
+    _check_best(source, curve, run.task.reward_range[1])
+    result = Result(run.task_record, Seconds(None, 0.0), Measurements(curve))
     folder.mkdir(parents=True, exist_ok=True)
     write_record(path, RunRecord(asked, _origin(source.path), "finished", result))
     return path
@@ -184,6 +185,20 @@ def _columns(
         "greedy_reward": list(rewards),
         "greedy_success": list(successes),
     }
+
+
+def _check_best(source: Source, curve: dict[str, list[Any]], best: float) -> None:
+    """Raise for rewards above the task's best: tables would show an error below 0.
+
+    What is below its worst gains nothing, and settings of the task may allow it.
+    """
+    largest = max(curve["greedy_reward"])
+    if largest > best + 1e-5 * max(1.0, abs(best)):
+        raise BenchmarkError(
+            f"'{source.path}' holds the reward {largest:.6g}, and none of {source.task} is above "
+            f"{best:.6g}: name the task of the run (--task), and evaluate its own rewards, as "
+            "VecNormalize(env, training=False, norm_reward=False) leaves them."
+        )
 
 
 def _check_budgets(asked: SpecificationRecord, folder: Path, path: Path) -> None:

@@ -1,6 +1,7 @@
 """What a run is: an algorithm with its settings, a task, a seed and a budget."""
 
 import dataclasses
+import inspect
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -52,18 +53,35 @@ class Algorithm:
         return {**self.settings, **shown}
 
     def load(self) -> Any:  # noqa: ANN401
-        """Import the class.
+        """Import the class; nothing of it is called.
 
-        :raises BenchmarkError: there is no such module or class
+        :raises BenchmarkError: there is no such module or class, or it is no algorithm
         """
         module_name, _, class_name = self.path.partition(":")
         try:
-            return getattr(import_module(module_name), class_name)
-        except (ImportError, AttributeError) as error:
+            found = getattr(import_module(module_name), class_name)
+        except Exception as error:  # whatever a foreign module does when it is imported
+            known = isinstance(error, ImportError | AttributeError)
+            told = str(error) if known else f"{type(error).__name__}: {error}"
             raise BenchmarkError(
-                f"the algorithm '{self.path}' cannot be imported ({error}); its path must read "
+                f"the algorithm '{self.path}' cannot be imported ({told}); its path must read "
                 "'module:Class', such as 'sb3_nmp:RCNMP'."
             ) from error
+        lacks = [each for each in ("learn", "predict") if not callable(getattr(found, each, None))]
+        if not isinstance(found, type) or lacks or inspect.isabstract(found):
+            raise BenchmarkError(
+                f"'{self.path}' is {_kind(found)} and no algorithm: that is a class as "
+                "Stable-Baselines3 has them, with learn, predict and a constructor that takes "
+                "policy, env and seed, such as 'sb3_nmp:RCNMP'."
+            )
+        return found
+
+
+def _kind(found: object) -> str:
+    """Return what an object is, in words."""
+    if not isinstance(found, type):
+        return f"a {type(found).__name__}"
+    return "an abstract class" if inspect.isabstract(found) else "a class of another kind"
 
 
 @dataclass(frozen=True)

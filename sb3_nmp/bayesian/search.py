@@ -108,7 +108,8 @@ class CriticSearch:
     believer. The bound is less a penalty on the distance from where the search started
     (`ACNMPCritic.pull`): the demonstrations hold what a reward does not tell. Where rollouts tell
     what they achieved, the critic aims (`Critic`) until one succeeds; where the trust region had to
-    begin anew twice, every other one goes by the reward.
+    begin anew twice, every other one goes by the reward; where it may never begin anew, one that
+    can shrink no more does.
 
     :param space: with the policy's answer as origin
     :param radius: of the first generation, in standard deviations of the exploration
@@ -167,7 +168,13 @@ class CriticSearch:
 
     @property
     def _goes_by_reward(self) -> bool:
-        """Whether this region is one of those that do not aim: every other one from the third."""
+        """Whether this region is one of those that do not aim: every other one from the third.
+
+        Where none can begin anew, a region that can shrink no more goes by the reward.
+        """
+        smallest = self.settings.radius_limits[0]
+        if self.settings.restart_radius <= smallest:
+            return self.region.radius <= smallest
         return self.n_restarts >= 2 and self.n_restarts % 2 == 0
 
     def ask(self, n: int, rng: np.random.Generator) -> FloatArray:

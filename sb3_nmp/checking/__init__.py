@@ -8,7 +8,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_nmp.checking import answers, learning
 from sb3_nmp.checking.environments import ReachEnv
-from sb3_nmp.checking.examined import Examined
+from sb3_nmp.checking.examined import Examined, apply, check_maker
 
 #: a pinned context of `ReachEnv`
 TARGET = 0.3
@@ -47,7 +47,7 @@ def examine(
         if getattr(algorithm, "needs_demonstrations", False):
             settings = {"demonstrations": ReachEnv.demonstrations(), **settings}
         return Examined(algorithm, lambda: ReachEnv(TARGET), settings)
-    return Examined(algorithm, make_env, settings)
+    return Examined(algorithm, check_maker(make_env), settings)
 
 
 def check_algorithm(
@@ -69,7 +69,8 @@ def check_algorithm(
     :param settings: constructor arguments besides policy, environment and seed: those that make
         learning quick
     :raises AlgorithmContractError: it breaks a rule: the value, the rule, and the way out
+    :raises ConfigurationError: settings that the algorithm refuses, or what makes no environment
     """
     examined = examine(algorithm, make_env, **settings)
     for rule in ALGORITHM_RULES:
-        rule(examined)
+        apply(rule, examined)

@@ -45,7 +45,13 @@ def answers_are_trajectories(it: Examined) -> None:
     one, many = it.contexts[0], it.contexts
     for deterministic in (True, False):
         for asked, shape in ((one, space.shape), (many, (len(many), *space.shape))):
-            answer, state = model.predict(asked, deterministic=deterministic)
+            returned = model.predict(asked, deterministic=deterministic)
+            require(
+                isinstance(returned, tuple) and len(returned) == 2,
+                f"{it.name}.predict returned a {type(returned).__name__}; it must be the tuple "
+                "(trajectories, None), as SB3's predict returns.",
+            )
+            answer, state = returned
             require(
                 np.shape(answer) == shape,
                 f"{it.name}.predict answered contexts of shape {asked.shape} by an array of shape "

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_nmp.checking.environments import Recording
-from sb3_nmp.common.exceptions import AlgorithmContractError
+from sb3_nmp.common.exceptions import AlgorithmContractError, ConfigurationError
 
 Callback = Callable[[dict[str, Any], dict[str, Any]], bool]
 
@@ -105,6 +105,42 @@ def require(holds: object, sentence: str) -> None:
     """
     if not holds:
         raise AlgorithmContractError(sentence)
+
+
+def apply(rule: Callable[[Examined], None], it: Examined) -> None:
+    """Ask a rule of an algorithm; whatever else the algorithm raises is told in a sentence.
+
+    :param rule: one of `ALGORITHM_RULES`
+    :param it: the algorithm
+    :raises AlgorithmContractError: it breaks the rule, or raises an error of Python's or NumPy's
+    :raises ConfigurationError: it refuses its settings
+    """
+    try:
+        rule(it)
+    except (AlgorithmContractError, ConfigurationError):
+        raise
+    except Exception as error:
+        asked = (rule.__doc__ or rule.__name__).splitlines()[0]
+        raise AlgorithmContractError(
+            f"{it.name} raised {type(error).__name__} ({error}) where this was asked of it: "
+            f"{asked} No error may end a run; the traceback above shows the line to mend."
+        ) from error
+
+
+def check_maker(make_env: object) -> Callable[[], gym.Env[Any, Any]]:
+    """Return a function that makes environments.
+
+    :param make_env: such a function
+    :raises ConfigurationError: it is none, such as an environment or an id
+    """
+    made = make_env() if callable(make_env) else None
+    if not isinstance(made, gym.Env):
+        raise ConfigurationError(
+            f"make_env is {make_env!r}"
+            f"{f', which returns {made!r}' if callable(make_env) else ''}; it must be a function "
+            "that returns a new environment of Gymnasium, such as lambda: gym.make(id, context=c)."
+        )
+    return cast(Callable[[], gym.Env[Any, Any]], make_env)
 
 
 def first_difference(one: list[NDArray[np.float32]], two: list[NDArray[np.float32]]) -> str:

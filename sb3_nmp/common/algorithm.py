@@ -295,7 +295,7 @@ class TrajectoryAlgorithm(ResumableAlgorithm):
             members = slice(self._n_collected, self._n_collected + n_envs)
             contexts = self._show_contexts(env, members)
             proposed = self._propose(members, contexts)
-            actions = np.clip(proposed, space.low, space.high).astype(np.float32)
+            actions = environment.executable(proposed, n_envs, space, type(self).__name__)
             self._before_reset = stream.generator_states(env)
             new_obs, rewards, dones, infos = env.step(actions)
             environment.check_ended(dones, type(self).__name__)

@@ -9,7 +9,11 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv, unwrap_vec_normalize
 
-from sb3_nmp.common.exceptions import ConfigurationError, InvalidDataError
+from sb3_nmp.common.exceptions import (
+    AlgorithmContractError,
+    ConfigurationError,
+    InvalidDataError,
+)
 
 FloatArray = NDArray[np.float64]
 #: a standard deviation in the trajectory's unit: one value, or one per dimension
@@ -168,6 +172,28 @@ def check_budget(total_timesteps: object, n_envs: int) -> int:
             f"environments spends {n_envs} rollouts; give at least that."
         )
     return budget
+
+
+def executable(
+    proposed: object, n_envs: int, space: spaces.Box, algorithm: str
+) -> NDArray[np.float32]:
+    """Return proposed trajectories as environments take them: clipped, float32, shape (n, T, D).
+
+    :param proposed: one trajectory for each environment, shape (n, T, D)
+    :param n_envs: n
+    :param space: of the actions, shape (T, D)
+    :param algorithm: its name, for the message
+    :raises AlgorithmContractError: another shape, or no array of numbers
+    """
+    shape, found = (n_envs, *space.shape), getattr(proposed, "shape", None)
+    if not isinstance(proposed, np.ndarray) or found != shape or proposed.dtype.kind not in "fiu":
+        told = f"shape {found} and dtype {getattr(proposed, 'dtype', None)}"
+        raise AlgorithmContractError(
+            f"{algorithm}._propose returned a {type(proposed).__name__}"
+            f"{'' if found is None else f' of {told}'}; it must be an array of numbers of shape "
+            f"(n, T, D) = {shape}: a trajectory for each of the members that it is asked for."
+        )
+    return np.clip(proposed, space.low, space.high).astype(np.float32)
 
 
 def check_multiple(name: str, value: int, n_envs: int) -> None:
