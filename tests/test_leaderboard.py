@@ -18,6 +18,7 @@ import pytest
 from results.cli import main
 from results.exceptions import BenchmarkError, RecordError
 from results.harness import progress
+from results.harness.provenance import is_own_repository
 from results.harness.specification import Algorithm
 from results.harness.suite import Recipe
 from results.leaderboard import verify
@@ -295,7 +296,42 @@ def a_success_left_out(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
     )
 
 
+def nothing_seen(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return replace(row, sees=None), evidence
+
+
+def less_seen(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return replace(row, sees=("success",)), evidence
+
+
+def more_seen(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return replace(row, sees=("achieved contexts", "reward")), evidence
+
+
+def of_commit(row: Row, commit: str | None) -> Row:
+    return replace(row, provenance=replace(row.provenance, commit=commit))
+
+
+def a_commit_too_short(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return of_commit(row, "c0ffee"), evidence
+
+
+def a_commit_of_nowhere(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return of_commit(row, "c0ffee" + 34 * "0"), evidence
+
+
+def no_commit(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return of_commit(row, None), evidence
+
+
+def runs_before_their_commit(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    early = replace(row.provenance, started="2001-01-01T00:00:00+00:00")
+    return replace(row, provenance=early), evidence
+
+
 Forgery = Callable[[Row, Evidence], tuple[Row, Evidence]]
+#: which only the history of a repository tells
+OF_HISTORY: set[Forgery] = {a_commit_of_nowhere, no_commit, runs_before_their_commit}
 FORGERIES: dict[Forgery, str] = {
     a_reward_one_bit_better: "the final trajectory earns",
     a_success_that_was_none: "trajectory fails",
@@ -311,6 +347,13 @@ FORGERIES: dict[Forgery, str] = {
     a_negative_count: "took -5.0 rollouts",
     a_failure_as_the_solving_one: "the solving trajectory fails",
     a_success_left_out: "has no trajectory that tells since when",
+    nothing_seen: "its sees is None, but 'Hill' learns from ['reward']",
+    less_seen: "its sees is ['success'], but 'Hill' learns from ['reward']",
+    more_seen: "its sees is ['achieved contexts', 'reward'], but",
+    a_commit_too_short: "its commit is 'c0ffee', and one has 40 hexadecimal digits",
+    a_commit_of_nowhere: "is none of those that lead to HEAD",
+    no_commit: "it names no commit",
+    runs_before_their_commit: "before there was its commit",
 }
 
 
@@ -318,6 +361,8 @@ FORGERIES: dict[Forgery, str] = {
 def test_a_forger_who_mends_the_digest_is_caught(
     made: Path, tmp_path: Path, forge: Forgery
 ) -> None:
+    if forge in OF_HISTORY and not is_own_repository():
+        pytest.skip("this copy has no history; `test_leaderboard_origin.py` has one of its own")
     path = write_row(tmp_path, *forge(*the_row(made / "data")))
     assert any(FORGERIES[forge] in problem for problem in verify_row(path).problems)
     assert command("verify", tmp_path) == 1

@@ -146,7 +146,7 @@ def _write_rows(boards: dict[str, Any], data: Path, options: argparse.Namespace)
 def _verify(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> int:
     from results.leaderboard.verify import missing_rows, verify_row
 
-    status = HOLDS
+    status, unchecked = HOLDS, dict[str, list[str]]()
     for problem in missing_rows(data, boards) if options.algorithms is None else ():
         status = FAILS
         print(problem, file=sys.stderr)
@@ -156,6 +156,10 @@ def _verify(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> 
         for problem in verdict.problems:
             status = FAILS
             print(f"{verdict.name}: {problem}", file=sys.stderr)
+        for told in verdict.unchecked:
+            unchecked.setdefault(told, []).append(verdict.name)
+    for told, names in unchecked.items():
+        print(f"Not checked: {told}. It concerns {', '.join(names)}.")
     return status
 
 
