@@ -26,6 +26,7 @@ from results.leaderboard.boards import BOARDS, DATA, Board
 from results.leaderboard.check import FALSE_ALARMS, MEASURES, judge
 from results.leaderboard.files import digest, read_row, row_paths, write_row
 from results.leaderboard.rows import Claim, Evidence, Row, mean_reward
+from results.leaderboard.tables import page
 from results.leaderboard.verify import (
     TOLERANCE,
     _about_claim_over_many,
@@ -296,6 +297,10 @@ def a_success_left_out(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
     )
 
 
+def a_study_that_there_was_not(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return replace(row, n_trials=20), evidence
+
+
 def nothing_seen(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
     return replace(row, sees=None), evidence
 
@@ -347,6 +352,7 @@ FORGERIES: dict[Forgery, str] = {
     a_negative_count: "took -5.0 rollouts",
     a_failure_as_the_solving_one: "the solving trajectory fails",
     a_success_left_out: "has no trajectory that tells since when",
+    a_study_that_there_was_not: "its n_trials is 20, but the board asks for None",
     nothing_seen: "its sees is None, but 'Hill' learns from ['reward']",
     less_seen: "its sees is ['success'], but 'Hill' learns from ['reward']",
     more_seen: "its sees is ['achieved contexts', 'reward'], but",
@@ -366,6 +372,37 @@ def test_a_forger_who_mends_the_digest_is_caught(
     path = write_row(tmp_path, *forge(*the_row(made / "data")))
     assert any(FORGERIES[forge] in problem for problem in verify_row(path).problems)
     assert command("verify", tmp_path) == 1
+
+
+def test_a_row_tells_its_trials_whatever_its_description_says(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From the algorithm by the records to the row, its file and the table."""
+    from results.harness.record_files import read_records
+    from results.leaderboard.rows import make_row
+
+    untuned = replace(the_row(made / "data")[0], description="the best of 9 trials")
+    assert "| – | – | R |" in page([untuned]).markdown()
+    tuned = {"Hill": replace(HILLS.recipe.algorithms["Hill"], n_trials=7)}
+    recipe = replace(HILLS.recipe, algorithms=tuned, budget=10)
+    monkeypatch.setitem(BOARDS, "hills", replace(HILLS, recipe=recipe, seeds=(500, 501)))
+    assert update(tmp_path) == 0
+    row, _ = make_row("hills", read_records(tmp_path / "runs/hills").records)
+    assert row.n_trials == the_row(tmp_path / "data")[0].n_trials == 7
+    assert "| – | 7 | R |" in page([row]).markdown()
+    assert command("verify", tmp_path / "data") == 0
+
+
+def test_rows_from_before_trials_were_told_are_read_and_their_digests_fit(
+    made: Path, tmp_path: Path
+) -> None:
+    row, evidence = the_row(made / "data")
+    path = write_row(tmp_path, row, evidence)
+    content = json.loads(path.read_text())
+    del content["row"]["n_trials"]
+    path.write_text(json.dumps(content))
+    assert read_row(path)[0].n_trials is None
+    assert verify_row(path).problems == []
 
 
 def test_an_edited_count_does_not_fit_the_digest(made: Path, tmp_path: Path) -> None:

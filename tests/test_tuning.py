@@ -141,6 +141,7 @@ def test_rows_take_the_best_settings_of_the_committed_studies(
     assert list(found) == ["REPS, tuned"]
     assert found["REPS, tuned"].settings["epsilon"] == 2.5
     assert "the best of 2 trials" in found["REPS, tuned"].description
+    assert found["REPS, tuned"].n_trials == 2
     StudySummary("REPS", "reps", PLAN, {}, trials[:1]).write(tmp_path)
     assert rows.tuned_rows("rivals", RECIPE.algorithms) == {}  # the suite's own are the best
     study.study_path(tmp_path, "rivals", "REPS").write_text('{"best": ')

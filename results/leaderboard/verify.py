@@ -36,6 +36,8 @@ TOLERANCE = 1e-6
 #: a claim over many contexts that is less probable, given the kept ones, is not believed
 INCREDIBLE = 1e-6
 Runs = dict[tuple[int, str, int | None], RunSpecification]
+#: fields of a row that are as the board has them
+ASKED = ("description", "algorithm", "settings", "task", "budget", "protocol", "n_trials")
 DECIDES_REWARDS = ("mujoco", "numpy")  # and nothing else that is installed
 
 
@@ -151,7 +153,7 @@ def _about_files(
     runs = _runs(row, boards[row.board])
     wanted = next(iter(runs.values())).record
     wanted = replace(wanted, protocol=wanted.protocol.shared)
-    for name in ("description", "algorithm", "settings", "task", "budget", "protocol"):
+    for name in ASKED:
         said, asked = getattr(row, name), getattr(wanted, name)
         if said != as_known_then(asked, said):
             yield f"its {name} is {said}, but the board asks for {asked}"
