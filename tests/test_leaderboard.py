@@ -652,14 +652,81 @@ def test_an_unchanged_program_gives_the_same_bits(
 def test_a_worse_program_raises_the_alarm(
     made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    keep_the_worst(monkeypatch)
+    assert command("check", made / "data") == 1
+    assert "WORSE" in capsys.readouterr().out
+
+
+def keep_the_worst(patch: pytest.MonkeyPatch) -> None:
     learn = results_fakes.HillClimber._end_generation
 
     def worst_kept(self: results_fakes.HillClimber, generation: object) -> None:
         learn(self, replace(generation, rewards=-generation.rewards))  # type: ignore[attr-defined, type-var]
 
-    monkeypatch.setattr(results_fakes.HillClimber, "_end_generation", worst_kept)
+    patch.setattr(results_fakes.HillClimber, "_end_generation", worst_kept)
+
+
+def wrong_sign_of_what_a_skill_learns(patch: pytest.MonkeyPatch) -> None:
+    """Each rollout is learned as one that went round the other side."""
+    import sb3_nmp.common.skill_search as module
+
+    made = module.Experience
+
+    def mirrored(contexts: Any, weights: Any, *told: Any) -> Any:
+        return made(contexts, -weights, *told)
+
+    patch.setattr(module, "Experience", mirrored)
+
+
+def test_a_board_may_begin_with_one_run_and_go_on_where_its_bits_are_others(
+    made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(BOARDS, "hills", replace(HILLS, n_first=1))
+    assert command("check", made / "data") == 0
+    assert "hills, Hill: 1 runs again, the same to the bit" in capsys.readouterr().out
+    keep_the_worst(monkeypatch)
     assert command("check", made / "data") == 1
-    assert "WORSE" in capsys.readouterr().out
+    assert f"hills, Hill: {N_SEEDS} runs again, WORSE" in capsys.readouterr().out
+    monkeypatch.setitem(BOARDS, "hills", replace(HILLS, too_slow=frozenset({"Hill"})))
+    assert command("check", made / "data") == 0
+    assert "hills, Hill: no runs again, which take too long" in capsys.readouterr().out
+
+
+def test_a_change_that_makes_nothing_worse_costs_runs_and_no_alarm(
+    made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(BOARDS, "hills", replace(HILLS, n_first=1))
+    propose = results_fakes.HillClimber._propose
+
+    def a_little_farther(self: results_fakes.HillClimber, *asked: Any) -> Any:
+        return propose(self, *asked) * (1 + 1e-6)
+
+    monkeypatch.setattr(results_fakes.HillClimber, "_propose", a_little_farther)
+    assert command("check", made / "data") == 0
+    assert f"hills, Hill: {N_SEEDS} runs again, no worse" in capsys.readouterr().out
+
+
+def test_a_regression_over_many_contexts_raises_the_alarm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seeds = tuple(range(500, 510))
+    board = replace(ANYWHERE, seeds=seeds, n_checked=len(seeds), n_first=1)
+    monkeypatch.setitem(BOARDS, "anywhere", board)
+    out = ("--out", str(tmp_path / "runs"))
+    assert command("update", tmp_path / "data", *out, board="anywhere") == 0
+    assert command("check", tmp_path / "data", board="anywhere") == 0
+    assert "1 runs again, the same to the bit" in capsys.readouterr().out
+    wrong_sign_of_what_a_skill_learns(monkeypatch)
+    assert command("check", tmp_path / "data", board="anywhere") == 1
+    assert "10 runs again, WORSE in final reward" in capsys.readouterr().out
+
+
+def test_every_board_does_runs_again() -> None:
+    for name, board in BOARDS.items():
+        again = [board.n_again(label) for label in board.labels]
+        assert any(n_first > 0 for n_first, _ in again), name
+        assert all(n_first <= n_checked for n_first, n_checked in again), name
+        assert board.too_slow <= {*board.labels}, name
 
 
 def test_one_run_tells_any_change_to_the_bit(
