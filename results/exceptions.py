@@ -11,3 +11,15 @@ class SettingsClashError(BenchmarkError):
 
 class RecordError(BenchmarkError):
     """A file is no record of a run, is damaged, or is of another version."""
+
+
+class UnreadableRecordError(RecordError):
+    """A file is no record of a run, or is damaged: no version reads it.
+
+    :param message: for who has a folder of runs
+    :param why: what about the file, for who has named it alone
+    """
+
+    def __init__(self, message: str, why: str = "") -> None:
+        super().__init__(message)
+        self.why = why

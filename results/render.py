@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark_envs import Task, make_task
-from results.exceptions import BenchmarkError, RecordError
+from results.exceptions import BenchmarkError, UnreadableRecordError
 from results.harness.record_files import read_record
 from results.harness.records import RunRecord
 from results.outside import find_algorithm
@@ -170,16 +170,15 @@ def _record(path: Path) -> RunRecord:
     """Return a run that was named; to remove its file, as in a folder of runs, is no advice here.
 
     :raises BenchmarkError: there is none
+    :raises RecordError: it is of another version
     """
     if not path.is_file():
         raise BenchmarkError(f"there is no file '{path}'; name a run's file (--run).")
     try:
         return read_record(path)
-    except RecordError as error:
-        if error.__cause__ is None:  # a run of another format, of which the message tells
-            raise
+    except UnreadableRecordError as error:
         raise BenchmarkError(
-            f"'{path}' is no record of a run ({error.__cause__}): --run takes a JSON file that "
+            f"'{path}' is no record of a run ({error.why}): --run takes a JSON file that "
             "'nmp-bench run' wrote, and --model a .zip of model.save()."
         ) from error
 

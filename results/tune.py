@@ -13,7 +13,8 @@ def add_tune(parser: argparse.ArgumentParser) -> None:
     """
     parser.description = (
         "Tune every algorithm of a suite with the same number of trials and of runs for each, on "
-        "seeds that no reported run has. A study is written as JSON; one that is there is kept."
+        "seeds that no reported run has. A study is written as JSON; one that is there is kept, "
+        "and one that was ended goes on after its last trial."
     )
     parser.set_defaults(command=tune)
     parser.add_argument("--suite", default="rivals", help="which (default: %(default)s)")
@@ -29,7 +30,7 @@ def add_tune(parser: argparse.ArgumentParser) -> None:
         "%(default)s)",
     )
     parser.add_argument("--out", type=Path, default=STUDIES, metavar="DIR", help="of the studies")
-    parser.add_argument("--overwrite", action="store_true", help="do finished studies again")
+    parser.add_argument("--overwrite", action="store_true", help="begin studies anew")
 
 
 def tune(options: argparse.Namespace) -> int:

@@ -18,6 +18,7 @@ import pytest
 from results.cli import main
 from results.exceptions import BenchmarkError, RecordError
 from results.harness import progress
+from results.harness.provenance import is_own_repository
 from results.harness.specification import Algorithm
 from results.harness.suite import Recipe
 from results.leaderboard import verify
@@ -25,6 +26,7 @@ from results.leaderboard.boards import BOARDS, DATA, Board
 from results.leaderboard.check import FALSE_ALARMS, MEASURES, judge
 from results.leaderboard.files import digest, read_row, row_paths, write_row
 from results.leaderboard.rows import Claim, Evidence, Row, mean_reward
+from results.leaderboard.tables import page
 from results.leaderboard.verify import (
     TOLERANCE,
     _about_claim_over_many,
@@ -295,7 +297,46 @@ def a_success_left_out(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
     )
 
 
+def a_study_that_there_was_not(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return replace(row, n_trials=20), evidence
+
+
+def nothing_seen(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return replace(row, sees=None), evidence
+
+
+def less_seen(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return replace(row, sees=("success",)), evidence
+
+
+def more_seen(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return replace(row, sees=("achieved contexts", "reward")), evidence
+
+
+def of_commit(row: Row, commit: str | None) -> Row:
+    return replace(row, provenance=replace(row.provenance, commit=commit))
+
+
+def a_commit_too_short(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return of_commit(row, "c0ffee"), evidence
+
+
+def a_commit_of_nowhere(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return of_commit(row, "c0ffee" + 34 * "0"), evidence
+
+
+def no_commit(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    return of_commit(row, None), evidence
+
+
+def runs_before_their_commit(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
+    early = replace(row.provenance, started="2001-01-01T00:00:00+00:00")
+    return replace(row, provenance=early), evidence
+
+
 Forgery = Callable[[Row, Evidence], tuple[Row, Evidence]]
+#: which only the history of a repository tells
+OF_HISTORY: set[Forgery] = {a_commit_of_nowhere, no_commit, runs_before_their_commit}
 FORGERIES: dict[Forgery, str] = {
     a_reward_one_bit_better: "the final trajectory earns",
     a_success_that_was_none: "trajectory fails",
@@ -311,6 +352,14 @@ FORGERIES: dict[Forgery, str] = {
     a_negative_count: "took -5.0 rollouts",
     a_failure_as_the_solving_one: "the solving trajectory fails",
     a_success_left_out: "has no trajectory that tells since when",
+    a_study_that_there_was_not: "its n_trials is 20, but the board asks for None",
+    nothing_seen: "its sees is None, but 'Hill' learns from ['reward']",
+    less_seen: "its sees is ['success'], but 'Hill' learns from ['reward']",
+    more_seen: "its sees is ['achieved contexts', 'reward'], but",
+    a_commit_too_short: "its commit is 'c0ffee', and one has 40 hexadecimal digits",
+    a_commit_of_nowhere: "is none of those that lead to HEAD",
+    no_commit: "it names no commit",
+    runs_before_their_commit: "before there was its commit",
 }
 
 
@@ -318,9 +367,42 @@ FORGERIES: dict[Forgery, str] = {
 def test_a_forger_who_mends_the_digest_is_caught(
     made: Path, tmp_path: Path, forge: Forgery
 ) -> None:
+    if forge in OF_HISTORY and not is_own_repository():
+        pytest.skip("this copy has no history; `test_leaderboard_origin.py` has one of its own")
     path = write_row(tmp_path, *forge(*the_row(made / "data")))
     assert any(FORGERIES[forge] in problem for problem in verify_row(path).problems)
     assert command("verify", tmp_path) == 1
+
+
+def test_a_row_tells_its_trials_whatever_its_description_says(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From the algorithm by the records to the row, its file and the table."""
+    from results.harness.record_files import read_records
+    from results.leaderboard.rows import make_row
+
+    untuned = replace(the_row(made / "data")[0], description="the best of 9 trials")
+    assert "| – | – | R |" in page([untuned]).markdown()
+    tuned = {"Hill": replace(HILLS.recipe.algorithms["Hill"], n_trials=7)}
+    recipe = replace(HILLS.recipe, algorithms=tuned, budget=10)
+    monkeypatch.setitem(BOARDS, "hills", replace(HILLS, recipe=recipe, seeds=(500, 501)))
+    assert update(tmp_path) == 0
+    row, _ = make_row("hills", read_records(tmp_path / "runs/hills").records)
+    assert row.n_trials == the_row(tmp_path / "data")[0].n_trials == 7
+    assert "| – | 7 | R |" in page([row]).markdown()
+    assert command("verify", tmp_path / "data") == 0
+
+
+def test_rows_from_before_trials_were_told_are_read_and_their_digests_fit(
+    made: Path, tmp_path: Path
+) -> None:
+    row, evidence = the_row(made / "data")
+    path = write_row(tmp_path, row, evidence)
+    content = json.loads(path.read_text())
+    del content["row"]["n_trials"]
+    path.write_text(json.dumps(content))
+    assert read_row(path)[0].n_trials is None
+    assert verify_row(path).problems == []
 
 
 def test_an_edited_count_does_not_fit_the_digest(made: Path, tmp_path: Path) -> None:
@@ -570,14 +652,81 @@ def test_an_unchanged_program_gives_the_same_bits(
 def test_a_worse_program_raises_the_alarm(
     made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    keep_the_worst(monkeypatch)
+    assert command("check", made / "data") == 1
+    assert "WORSE" in capsys.readouterr().out
+
+
+def keep_the_worst(patch: pytest.MonkeyPatch) -> None:
     learn = results_fakes.HillClimber._end_generation
 
     def worst_kept(self: results_fakes.HillClimber, generation: object) -> None:
         learn(self, replace(generation, rewards=-generation.rewards))  # type: ignore[attr-defined, type-var]
 
-    monkeypatch.setattr(results_fakes.HillClimber, "_end_generation", worst_kept)
+    patch.setattr(results_fakes.HillClimber, "_end_generation", worst_kept)
+
+
+def wrong_sign_of_what_a_skill_learns(patch: pytest.MonkeyPatch) -> None:
+    """Each rollout is learned as one that went round the other side."""
+    import sb3_nmp.common.skill_search as module
+
+    made = module.Experience
+
+    def mirrored(contexts: Any, weights: Any, *told: Any) -> Any:
+        return made(contexts, -weights, *told)
+
+    patch.setattr(module, "Experience", mirrored)
+
+
+def test_a_board_may_begin_with_one_run_and_go_on_where_its_bits_are_others(
+    made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(BOARDS, "hills", replace(HILLS, n_first=1))
+    assert command("check", made / "data") == 0
+    assert "hills, Hill: 1 runs again, the same to the bit" in capsys.readouterr().out
+    keep_the_worst(monkeypatch)
     assert command("check", made / "data") == 1
-    assert "WORSE" in capsys.readouterr().out
+    assert f"hills, Hill: {N_SEEDS} runs again, WORSE" in capsys.readouterr().out
+    monkeypatch.setitem(BOARDS, "hills", replace(HILLS, too_slow=frozenset({"Hill"})))
+    assert command("check", made / "data") == 0
+    assert "hills, Hill: no runs again, which take too long" in capsys.readouterr().out
+
+
+def test_a_change_that_makes_nothing_worse_costs_runs_and_no_alarm(
+    made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(BOARDS, "hills", replace(HILLS, n_first=1))
+    propose = results_fakes.HillClimber._propose
+
+    def a_little_farther(self: results_fakes.HillClimber, *asked: Any) -> Any:
+        return propose(self, *asked) * (1 + 1e-6)
+
+    monkeypatch.setattr(results_fakes.HillClimber, "_propose", a_little_farther)
+    assert command("check", made / "data") == 0
+    assert f"hills, Hill: {N_SEEDS} runs again, no worse" in capsys.readouterr().out
+
+
+def test_a_regression_over_many_contexts_raises_the_alarm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seeds = tuple(range(500, 510))
+    board = replace(ANYWHERE, seeds=seeds, n_checked=len(seeds), n_first=1)
+    monkeypatch.setitem(BOARDS, "anywhere", board)
+    out = ("--out", str(tmp_path / "runs"))
+    assert command("update", tmp_path / "data", *out, board="anywhere") == 0
+    assert command("check", tmp_path / "data", board="anywhere") == 0
+    assert "1 runs again, the same to the bit" in capsys.readouterr().out
+    wrong_sign_of_what_a_skill_learns(monkeypatch)
+    assert command("check", tmp_path / "data", board="anywhere") == 1
+    assert "10 runs again, WORSE in final reward" in capsys.readouterr().out
+
+
+def test_every_board_does_runs_again() -> None:
+    for name, board in BOARDS.items():
+        again = [board.n_again(label) for label in board.labels]
+        assert any(n_first > 0 for n_first, _ in again), name
+        assert all(n_first <= n_checked for n_first, n_checked in again), name
+        assert board.too_slow <= {*board.labels}, name
 
 
 def test_one_run_tells_any_change_to_the_bit(

@@ -1,4 +1,5 @@
 import io
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,10 @@ from rich.console import Console
 
 from baselines import GA
 from benchmark_envs import RenderingUnavailableError, TaskError, make_task
+from results import render
 from results.cli import main
-from results.exceptions import BenchmarkError
-from results.harness.record_files import read_records
+from results.exceptions import BenchmarkError, RecordError, UnreadableRecordError
+from results.harness.record_files import read_record, read_records
 from results.harness.records import labels_of
 from results.harness.specification import Algorithm, plain
 from results.harness.suite import Recipe, make_suite, parse_seeds
@@ -204,6 +206,41 @@ def test_what_is_no_run_is_not_advised_to_be_removed(tmp_path: Path):
     other = RenderRequest("nmp/Push-v0", model=model, algorithm="ga")
     with pytest.raises(BenchmarkError, match=r"contexts of shape \(4,\).*name the model's task"):
         chosen_rollout(other)
+
+
+def test_a_damaged_run_and_an_older_one_are_told_apart(folder: Path, tmp_path: Path):
+    """Whatever caused the error: who gives the exception another cause changes no message."""
+    text = next(folder.glob("hill_*.json")).read_text()
+    for content, kind, why in (
+        (text[:-50], BenchmarkError, "is no record of a run"),
+        (text.replace('"format": 2', '"format": 1'), RecordError, "is of format 1"),
+        (text.replace('"format": 2', '"format": 9'), RecordError, "is of format 9.*update"),
+    ):
+        path = tmp_path / "run.json"
+        path.write_text(content)
+        with pytest.raises(RecordError) as read:
+            read_record(path)
+        damaged = kind is BenchmarkError
+        assert isinstance(read.value, UnreadableRecordError) == damaged
+        with pytest.raises(kind, match=why) as caught:
+            chosen_rollout(RenderRequest("nmp/Bottles-v0", run=path))
+        if damaged:
+            assert isinstance(read.value, UnreadableRecordError) and read.value.why
+            assert read.value.why in str(caught.value)
+            again = pickle.loads(pickle.dumps(read.value))
+            assert (str(again), again.why) == (str(read.value), read.value.why)
+
+
+def test_a_record_error_without_a_cause_is_told_by_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def damaged(path: Path) -> None:
+        raise UnreadableRecordError("remove it", why="half of it is missing")
+
+    monkeypatch.setattr(render, "read_record", damaged)
+    (tmp_path / "run.json").write_text("")
+    with pytest.raises(BenchmarkError, match=r"no record of a run \(half of it is missing\)"):
+        chosen_rollout(RenderRequest("nmp/Bottles-v0", run=tmp_path / "run.json"))
 
 
 BOTTLES = ["nmp/Bottles-v0", "--expert", "s", "--out", "x.gif"]

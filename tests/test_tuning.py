@@ -1,6 +1,9 @@
 """Equal tuning: search spaces that constructors take, equal trials, seeds apart, what is kept."""
 
 import json
+import signal
+import subprocess
+import sys
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -141,6 +144,7 @@ def test_rows_take_the_best_settings_of_the_committed_studies(
     assert list(found) == ["REPS, tuned"]
     assert found["REPS, tuned"].settings["epsilon"] == 2.5
     assert "the best of 2 trials" in found["REPS, tuned"].description
+    assert found["REPS, tuned"].n_trials == 2
     StudySummary("REPS", "reps", PLAN, {}, trials[:1]).write(tmp_path)
     assert rows.tuned_rows("rivals", RECIPE.algorithms) == {}  # the suite's own are the best
     study.study_path(tmp_path, "rivals", "REPS").write_text('{"best": ')
@@ -179,6 +183,121 @@ def test_every_algorithm_has_as_many_trials_and_the_first_is_the_suites(
         assert each.best.cost <= each.trials[0].cost
     again = tune("TuRBO", RECIPE.algorithms["TuRBO"], plan)
     assert again.trials == summaries[1].trials
+
+
+#: ends itself as `kill -9` would, before it begins one more trial than the first argument says
+MORTAL = """
+import os, signal, sys
+from results.cli import main
+from results.tuning import study
+
+left, cost_of = [int(sys.argv[1])], study.cost_of
+
+def mortal(*asked):
+    if left[0] == 0:
+        os.kill(os.getpid(), signal.SIGKILL)
+    left[0] -= 1
+    return cost_of(*asked)
+
+study.cost_of = mortal
+sys.exit(main(sys.argv[2:]))
+"""
+
+
+def test_a_study_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
+    """Optuna proposes ten trials at random and the later ones by those before."""
+    pytest.importorskip("optuna")
+    asked = [
+        "tune", "--suite", "rivals", "--algorithms", "random search", "--trials", "14",
+        "--seeds", "1000,", "--budget", "3", "--measure", "reward", "--out",
+    ]  # fmt: skip
+    assert main([*asked, str(tmp_path / "whole")]) == 0
+    killed = tmp_path / "killed/rivals"
+    for n_trials, n_more in ((2, 2), (12, 10)):
+        command = [sys.executable, "-c", MORTAL, str(n_more), *asked, str(killed.parent)]
+        done = subprocess.run(command, capture_output=True, text=True)
+        assert done.returncode == -signal.SIGKILL, done.stderr
+        (path,) = killed.iterdir()
+        assert path.name == "random-search.unfinished.json"
+        assert len(json.loads(path.read_text())["trials"]) == n_trials
+    assert main([*asked, str(killed.parent)]) == 0
+    (path,) = killed.iterdir()
+    assert path.read_bytes() == (tmp_path / "whole/rivals" / path.name).read_bytes()
+    costs = [trial["cost"] for trial in json.loads(path.read_text())["trials"]]
+    assert len(costs) == 14 and len(set(costs)) > 5
+
+
+def n_bases_cost(label: str, algorithm: Any, plan: TuningPlan) -> float | None:
+    n = algorithm.settings.get("n_bases", 10)
+    return None if n in (2, 14) else float((n - 8) ** 2) / 3.0
+
+
+def killed_studies(patch: pytest.MonkeyPatch, folder: Path, n_trials: int) -> list[str]:
+    """What a command says that goes on with a study of so many trials out of 14."""
+    n_left = [n_trials]
+
+    def mortal(*asked: Any) -> float | None:
+        if n_left[0] == 0:
+            raise KeyboardInterrupt
+        n_left[0] -= 1
+        return n_bases_cost(*asked)
+
+    def full(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    plan = TuningPlan.of("rivals", RECIPE, [1000], n_trials=14)
+    patch.setattr(study, "cost_of", mortal)
+    with pytest.MonkeyPatch.context() as inner, pytest.raises(KeyboardInterrupt):
+        inner.setattr(StudySummary, "write", full)  # after the last trial
+        list(study.tune_suite(RECIPE, plan, folder, ["CMA-ES"]))
+    patch.setattr(study, "cost_of", n_bases_cost)
+    return list(study.tune_suite(RECIPE, plan, folder, ["CMA-ES"]))
+
+
+@pytest.mark.parametrize("n_trials", [0, 1, 5, 11, 13, 14])
+def test_trials_are_the_same_wherever_a_study_was_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n_trials: int
+) -> None:
+    """Failed ones among them, which the sampler is told of, too."""
+    pytest.importorskip("optuna")
+    monkeypatch.setattr(study, "cost_of", n_bases_cost)
+    plan = TuningPlan.of("rivals", RECIPE, [1000], n_trials=14)
+    whole = tune("CMA-ES", RECIPE.algorithms["CMA-ES"], plan)
+    assert None in [trial.cost for trial in whole.trials]
+    told = killed_studies(monkeypatch, tmp_path, n_trials)
+    assert told[:-1] == [f"CMA-ES: going on after {n_trials} of 14 trials"] * (n_trials > 0)
+    assert [each.name for each in (tmp_path / "rivals").iterdir()] == ["cma-es.json"]
+    written = study.study_path(tmp_path, "rivals", "CMA-ES").read_bytes()
+    assert written == whole.write(tmp_path / "whole").read_bytes()
+
+
+def test_a_study_does_not_go_on_with_another_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("optuna")
+    monkeypatch.setattr(study, "cost_of", n_bases_cost)
+    plan = TuningPlan.of("rivals", RECIPE, [1000], n_trials=4)
+    begun = (Trial({}, 1.0), Trial({"n_bases": 5}, 2.0))
+    path = StudySummary("CMA-ES", "cmaes", plan, {}, begun).keep(tmp_path)
+    assert path == study.unfinished_path(study.study_path(tmp_path, "rivals", "CMA-ES"))
+    with pytest.raises(BenchmarkError, match=r"its trial 1 tried \{'n_bases': 5\}, and today"):
+        list(study.tune_suite(RECIPE, plan, tmp_path, ["CMA-ES"]))
+    with pytest.raises(BenchmarkError, match=r"unfinished.json' is a study of another plan"):
+        list(study.tune_suite(RECIPE, replace(plan, budget=7), tmp_path, ["CMA-ES"]))
+    (told,) = study.tune_suite(RECIPE, plan, tmp_path, ["CMA-ES"], overwrite=True)
+    assert "4 trials" in told and not path.exists()
+    path.write_text("{}")  # beside a finished study, it says nothing
+    (told,) = study.tune_suite(RECIPE, plan, tmp_path, ["CMA-ES"])
+    assert "kept" in told and not path.exists()
+
+
+def test_rows_know_nothing_of_a_study_that_is_not_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rows, "STUDIES", tmp_path)
+    begun = (Trial({}, 5.0), Trial({"epsilon": 2.5}, 3.0))
+    StudySummary("REPS", "reps", replace(PLAN, n_trials=3), {}, begun).keep(tmp_path)
+    assert rows.tuned_rows("rivals", RECIPE.algorithms) == {}
 
 
 def test_unsolved_runs_cost_twice_the_budget_and_failed_ones_nothing_known() -> None:

@@ -25,10 +25,10 @@ PACKAGES = (
 
 def provenance() -> Provenance:
     """Return the commit of this code (None outside its repository), versions, platform and date."""
-    commit = _git("rev-parse", "HEAD") if _is_own_repository() else None
+    commit = git("rev-parse", "HEAD") if is_own_repository() else None
     return Provenance(
         commit=commit,
-        dirty=bool(_git("status", "--porcelain")) if commit else None,
+        dirty=bool(git("status", "--porcelain")) if commit else None,
         packages={name: _version(name) for name in PACKAGES},
         python=platform.python_version(),
         platform=platform.platform(),
@@ -37,19 +37,22 @@ def provenance() -> Provenance:
     )
 
 
-def _is_own_repository() -> bool:
+def is_own_repository() -> bool:
     """Tell whether git tracks this file, in a repository that is this project's from its root on.
 
     A copy inside another project belongs to a repository whose commits tell nothing about it.
     """
-    root = _git("rev-parse", "--show-toplevel")
+    root = git("rev-parse", "--show-toplevel")
     if root is None or Path(root).resolve() != Path(__file__).resolve().parents[2]:
         return False
-    return _git("ls-files", "--error-unmatch", Path(__file__).name) is not None
+    return git("ls-files", "--error-unmatch", Path(__file__).name) is not None
 
 
-def _git(*arguments: str) -> str | None:
-    """Return what git answers in the folder of this file, None where it fails or is absent."""
+def git(*arguments: str) -> str | None:
+    """Return what git answers in the folder of this file, None where it fails or is absent.
+
+    :param arguments: of git
+    """
     command = ["git", "-C", str(Path(__file__).parent), *arguments]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=20)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 
-from results.exceptions import RecordError
+from results.exceptions import RecordError, UnreadableRecordError
 from results.harness.records import RunRecord
 from results.harness.whole_files import write_whole
 
@@ -48,7 +48,8 @@ def read_record(path: Path) -> RunRecord:
     """Read one run.
 
     :param path: of its file
-    :raises RecordError: it is damaged, of another version, or no run's file
+    :raises UnreadableRecordError: it is damaged, or no run's file
+    :raises RecordError: it is of another version
     """
     try:
         text = path.read_bytes()
@@ -56,9 +57,10 @@ def read_record(path: Path) -> RunRecord:
         if found == FORMAT:
             return msgspec.json.decode(text, type=RunRecord)
     except (OSError, ValueError, msgspec.MsgspecError) as error:
-        raise RecordError(
+        raise UnreadableRecordError(
             f"'{path}' is no readable run ({error}): a folder of runs holds JSON files that "
-            "'nmp-bench run' wrote. Remove the file; the same command then does its run again."
+            "'nmp-bench run' wrote. Remove the file; the same command then does its run again.",
+            why=str(error),
         ) from error
     if found > FORMAT:
         raise RecordError(

@@ -81,6 +81,7 @@ class SpecificationRecord:
     :param protocol: where and how
     :param suite: what it belongs to
     :param variant: the name of the task's settings, where a suite runs several of them
+    :param n_trials: of the study that found the settings; None where none did, and in old records
     """
 
     label: str
@@ -95,6 +96,7 @@ class SpecificationRecord:
     protocol: ProtocolRecord
     suite: SuiteRecord = SuiteRecord()
     variant: str = ""
+    n_trials: int | None = None
 
     @property
     def stem(self) -> str:

@@ -34,6 +34,7 @@ class Algorithm:
     :param budget: rollouts of a run, where it needs more than a suite's other algorithms
     :param shown_initial: whether the task's initial trajectory, which knows nothing of the context,
         is its only demonstration: for one that cannot begin without any
+    :param n_trials: of the study whose best settings these are; None where no study found them
     """
 
     name: str
@@ -43,6 +44,7 @@ class Algorithm:
     pretrained: bool = True
     budget: int | None = None
     shown_initial: bool = False
+    n_trials: int | None = None
 
     def arguments(self, demonstrations: Demonstrations | None) -> dict[str, Any]:
         """Return all constructor arguments besides policy, environment and seed.
@@ -134,6 +136,7 @@ class RunSpecification:
             ),
             suite=self.suite,
             variant=self.variant,
+            n_trials=self.algorithm.n_trials,
         )
 
     @property

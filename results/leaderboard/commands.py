@@ -146,7 +146,7 @@ def _write_rows(boards: dict[str, Any], data: Path, options: argparse.Namespace)
 def _verify(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> int:
     from results.leaderboard.verify import missing_rows, verify_row
 
-    status = HOLDS
+    status, unchecked = HOLDS, dict[str, list[str]]()
     for problem in missing_rows(data, boards) if options.algorithms is None else ():
         status = FAILS
         print(problem, file=sys.stderr)
@@ -156,6 +156,10 @@ def _verify(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> 
         for problem in verdict.problems:
             status = FAILS
             print(f"{verdict.name}: {problem}", file=sys.stderr)
+        for told in verdict.unchecked:
+            unchecked.setdefault(told, []).append(verdict.name)
+    for told, names in unchecked.items():
+        print(f"Not checked: {told}. It concerns {', '.join(names)}.")
     return status
 
 
@@ -204,6 +208,9 @@ def judgements(
 ) -> "list[Judgement]":
     """Do some runs of rows again, and return what came of each row.
 
+    Where a board asks for it, the others of a row's runs only if the first ones are not the same to
+    the bit. That alarms less often than all of them at once, so false alarms stay as rare.
+
     :param boards: by name
     :param paths: of the rows' claims
     :param n_workers: processes; one per core by default
@@ -215,8 +222,14 @@ def judgements(
     judged = []
     for path in paths:
         row, evidence, _ = read_row(path)
-        again = _claims_again(boards[row.board], row.board, row.label, n_workers)
-        judged.append(judge(row, evidence, again, n_rows or len(paths)))
+        board = boards[row.board]
+        n_first, n_checked = board.n_again(row.label)
+        again = _claims_again(board, row.board, row.label, n_workers, n_first)
+        judgement = judge(row, evidence, again, n_rows or len(paths))
+        if not judgement.same and n_first < n_checked:
+            again = _claims_again(board, row.board, row.label, n_workers, n_checked)
+            judgement = judge(row, evidence, again, n_rows or len(paths))
+        judged.append(judgement)
     return judged
 
 
@@ -225,18 +238,17 @@ def _claims_again(
     name: str,
     label: str,
     n_workers: int | None,
-    n_seeds: int | None = None,
+    n_seeds: int,
 ) -> "list[Claim]":
-    """Return the claims of the runs of a board's first seeds, ``n_checked`` by default."""
+    """Return the claims of the runs of a board's first seeds, done again."""
     from results.harness.resume import plan_runs
     from results.harness.runner import run_plan
     from results.leaderboard.rows import claim_of
 
-    n_again = board.n_checked if n_seeds is None else n_seeds
-    if n_again == 0:
+    if n_seeds == 0:
         return []
     with tempfile.TemporaryDirectory(prefix="nmp-bench-") as folder:
-        plan = plan_runs(Path(folder), board.runs(name, [label], n_again))
+        plan = plan_runs(Path(folder), board.runs(name, [label], n_seeds))
         return [
             claim_of(outcome.record, board.most_failures) for outcome in run_plan(plan, n_workers)
         ]

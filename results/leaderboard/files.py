@@ -115,7 +115,10 @@ def digest(row: Row, evidence: Evidence) -> str:
     :param row: what is claimed
     :param evidence: what earned it
     """
-    found = hashlib.sha256(json.dumps(msgspec.to_builtins(row), sort_keys=True).encode())
+    told = msgspec.to_builtins(row)
+    if row.n_trials is None:  # which rows did not tell at first
+        told.pop("n_trials", None)
+    found = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
     for name in ARRAYS:
         array = np.ascontiguousarray(getattr(evidence, name))
         found.update(f"{name}{array.dtype}{array.shape}".encode() + array.tobytes())

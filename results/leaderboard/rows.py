@@ -76,6 +76,7 @@ class Row:
     :param sees: what the algorithm learns from
     :param provenance: commit, versions and machine, the same for all its runs
     :param claims: one for each run
+    :param n_trials: of the study that found the settings; None where none did
     """
 
     board: str
@@ -89,6 +90,7 @@ class Row:
     sees: tuple[str, ...] | None
     provenance: Provenance
     claims: tuple[Claim, ...]
+    n_trials: int | None = None
 
     @property
     def rollouts(self) -> Interval:
@@ -231,7 +233,7 @@ def make_row(
     row = Row(
         board, asked.label, asked.description, asked.algorithm, asked.settings, asked.task,
         asked.protocol.shared, asked.budget, sees,
-        first.provenance, claims,
+        first.provenance, claims, asked.n_trials,
     )  # fmt: skip
     return row, _evidence(runs)
 

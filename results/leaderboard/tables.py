@@ -1,6 +1,5 @@
 """The leaderboard as a page of tables."""
 
-import re
 from collections.abc import Sequence
 
 from results.exceptions import RecordError
@@ -11,7 +10,6 @@ from results.leaderboard.rows import Row
 from results.report.footnotes import EXPECTED_NOTE
 from results.report.own_answer import SIGNS
 from results.report.text_table import NOT_APPLICABLE, Cell, Page, Section, TextTable
-from results.tuning.rows import TRIALS
 
 HEADER = (
     "algorithm",
@@ -79,16 +77,10 @@ def _cells(row: Row) -> tuple[Cell, ...]:
         (NOT_APPLICABLE, "")
         if row.failure_rate is None
         else _with_interval(tuple(100 * rate for rate in row.failure_rate), ".1f"),
-        (_trials(row), ""),
+        (NOT_APPLICABLE if row.n_trials is None else str(row.n_trials), ""),
         (sees or NOT_APPLICABLE, ""),
         (commit[:10] + ("*" if row.provenance.dirty else ""), ""),
     )
-
-
-def _trials(row: Row) -> str:
-    """Return how many settings the study of a row tried, as its description tells."""
-    told = re.search(TRIALS.format(r"(\d+)"), row.description)
-    return told[1] if told else NOT_APPLICABLE
 
 
 def _with_interval(values: Sequence[float], form: str) -> Cell:

@@ -1,7 +1,8 @@
 """`verify`: simulate every stored trajectory again, and hold it to what its row claims.
 
 What this shows: these trajectories, in the contexts that the board's seeds give, earn these
-rewards; and every row and run that the board asks for is there once. What it cannot show is after
+rewards; every row and run that the board asks for is there once; the algorithm learns from what its
+row says; and the commit is one of this history. What it cannot show is which of its commits, after
 how many rollouts a trajectory was found, what the mean over the budget was, and over many contexts
 which share fails beyond those whose answers are kept, but for what these make incredible: for that
 runs must be done again, which `check` does.
@@ -23,8 +24,10 @@ from results.harness.machine import machine
 from results.harness.provenance import provenance
 from results.harness.specification import RunSpecification, plain
 from results.leaderboard.boards import BOARDS, Board
+from results.leaderboard.commits import about_commit, why_not_looked_up
 from results.leaderboard.files import digest, read_row, row_path
 from results.leaderboard.rows import Claim, Evidence, Row
+from results.leaderboard.sees import UntoldError, about_sees
 from results.stream.evaluation import N_KEPT
 from results.stream.protocol import Stream
 
@@ -33,6 +36,8 @@ TOLERANCE = 1e-6
 #: a claim over many contexts that is less probable, given the kept ones, is not believed
 INCREDIBLE = 1e-6
 Runs = dict[tuple[int, str, int | None], RunSpecification]
+#: fields of a row that are as the board has them
+ASKED = ("description", "algorithm", "settings", "task", "budget", "protocol", "n_trials")
 DECIDES_REWARDS = ("mujoco", "numpy")  # and nothing else that is installed
 
 
@@ -43,11 +48,13 @@ class Verdict:
     :param name: of its file
     :param how: rewards were compared
     :param problems: sentences; empty where the row holds
+    :param unchecked: what could not be checked here, and why
     """
 
     name: str
     how: str = ""
     problems: list[str] = field(default_factory=list)
+    unchecked: list[str] = field(default_factory=list)
 
 
 def verify_row(path: Path, boards: dict[str, Board] = BOARDS) -> Verdict:
@@ -66,9 +73,21 @@ def verify_row(path: Path, boards: dict[str, Board] = BOARDS) -> Verdict:
         how, tolerance = comparison(row)
         problems += _about_contexts(row, evidence, runs)
         problems += _about_rewards(row, evidence, runs, tolerance)
+        of_origin, unchecked = _about_origin(row, runs)
     except (RecordError, TaskError) as error:
         return Verdict(name, "not simulated", [str(error)])
-    return Verdict(name, how, problems)
+    return Verdict(name, how, problems + of_origin, unchecked)
+
+
+def _about_origin(row: Row, runs: Runs) -> tuple[list[str], list[str]]:
+    """Return what is wrong with a row's commit and sources of learning, and what is unchecked."""
+    problems = list(about_commit(row.provenance))
+    unchecked = [why] if (why := why_not_looked_up(row.provenance)) else []
+    try:
+        problems += about_sees(row, next(iter(runs.values())))
+    except UntoldError as error:
+        unchecked.append(str(error))
+    return problems, unchecked
 
 
 def missing_rows(data: Path, boards: dict[str, Board]) -> list[str]:
@@ -134,7 +153,7 @@ def _about_files(
     runs = _runs(row, boards[row.board])
     wanted = next(iter(runs.values())).record
     wanted = replace(wanted, protocol=wanted.protocol.shared)
-    for name in ("description", "algorithm", "settings", "task", "budget", "protocol"):
+    for name in ASKED:
         said, asked = getattr(row, name), getattr(wanted, name)
         if said != as_known_then(asked, said):
             yield f"its {name} is {said}, but the board asks for {asked}"

@@ -9,8 +9,6 @@ from results.tuning.study import read_study, study_path, with_settings
 
 #: that are committed
 STUDIES = Path(__file__).parent / "studies"
-#: what a tuned row's description says of its study
-TRIALS = "the best of {} trials"
 
 
 def tuned_rows(suite: str, algorithms: Mapping[str, Algorithm]) -> dict[str, Algorithm]:
@@ -34,7 +32,7 @@ def tuned_rows(suite: str, algorithms: Mapping[str, Algorithm]) -> dict[str, Alg
         study = read_study(path)
         chosen, n_trials = study["best"]["chosen"], len(study["trials"])
         if chosen and study["best"]["cost"] is not None:
-            told = f"{algorithm.description}; {TRIALS.format(n_trials)}"
+            told = f"{algorithm.description}; the best of {n_trials} trials"
             tuned = with_settings(algorithm, chosen)
-            rows[f"{label}, tuned"] = replace(tuned, description=told)
+            rows[f"{label}, tuned"] = replace(tuned, description=told, n_trials=n_trials)
     return rows

@@ -1,12 +1,14 @@
 """A tuning study: trials of an algorithm's settings by one plan, and what is kept of it.
 
 The first trial are the settings that the suite has, so that tuning can only be a gain on the tuning
-seeds.
+seeds. Trials are kept as they finish; a study that was ended goes on with them: its sampler is told
+of them again, in their order, and then proposes what it would have proposed.
 """
 
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,6 +56,20 @@ class StudySummary:
         :param folder: of the studies
         """
         path = study_path(folder, self.plan.suite, self.label)
+        self._write(path)
+        unfinished_path(path).unlink(missing_ok=True)
+        return path
+
+    def keep(self, folder: Path) -> Path:
+        """Write what there is so far, for the study to go on with, and return its path.
+
+        :param folder: of the studies
+        """
+        path = unfinished_path(study_path(folder, self.plan.suite, self.label))
+        self._write(path)
+        return path
+
+    def _write(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         trials = [asdict(trial) for trial in self.trials]
         content = {
@@ -65,22 +81,24 @@ class StudySummary:
             "best": asdict(self.best),
         }
         write_whole({path: f"{json.dumps(content, indent=1)}\n".encode()})
-        return path
 
 
 def tune(
     label: str,
     algorithm: Algorithm,
     plan: TuningPlan,
-    on_trial: Callable[[Trial], None] = lambda _: None,
+    on_trial: Callable[[StudySummary], object] = lambda _: None,
+    known: Sequence[Trial] = (),
 ) -> StudySummary:
     """Try settings of an algorithm, proposed by Optuna's sampler, and return what they cost.
 
     :param label: of the algorithm in its suite
     :param algorithm: as the suite has it
     :param plan: what is equal for all
-    :param on_trial: told each trial
-    :raises BenchmarkError: it declares nothing to tune, or Optuna is not installed
+    :param on_trial: told all trials so far after each one
+    :param known: the first trials, of this very study, which are not done again
+    :raises BenchmarkError: it declares nothing to tune, Optuna is not installed, or the known
+        trials are not those that the sampler proposes
     """
     space = space_of(algorithm, plan)
     if not space:
@@ -94,18 +112,36 @@ def tune(
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     sampler = optuna.samplers.TPESampler(seed=plan.seeds[0])
     study = optuna.create_study(sampler=sampler)
-    trials = [Trial({}, cost_of(label, algorithm, plan))]
-    on_trial(trials[0])
-    while len(trials) < plan.n_trials:
-        asked = study.ask()
-        chosen = {name: suggest(asked, name, what) for name, what in space.items()}
-        cost = cost_of(label, with_settings(algorithm, chosen), plan)
-        failed = optuna.trial.TrialState.FAIL
-        study.tell(asked, cost) if cost is not None else study.tell(asked, state=failed)
-        trials.append(Trial(chosen, cost))
-        on_trial(trials[-1])
     kept = {name: plain(asdict(what)) for name, what in space.items()}
-    return StudySummary(label, algorithm.name, plan, kept, tuple(trials))
+    summary = StudySummary(label, algorithm.name, plan, kept, ())
+    for n_done in range(plan.n_trials):
+        asked = study.ask() if n_done else None  # the first trial is none of the sampler's
+        chosen = {name: suggest(asked, name, what) for name, what in space.items()} if asked else {}
+        if n_done < len(known):
+            trial = _same(label, n_done, known[n_done], chosen)
+        else:
+            trial = Trial(chosen, cost_of(label, with_settings(algorithm, chosen), plan))
+        if asked:
+            failed = optuna.trial.TrialState.FAIL if trial.cost is None else None
+            study.tell(asked, trial.cost, state=failed)
+        summary = replace(summary, trials=(*summary.trials, trial))
+        if n_done >= len(known):
+            on_trial(summary)
+    return summary
+
+
+def _same(label: str, number: int, known: Trial, chosen: dict[str, Value]) -> Trial:
+    """Return a known trial, if the sampler proposes its settings now.
+
+    :raises BenchmarkError: it proposes others
+    """
+    if plain(known.chosen) != plain(chosen):
+        raise BenchmarkError(
+            f"the study of {label} cannot go on: its trial {number} tried {known.chosen}, and "
+            f"today's Optuna and search space give {chosen}. Do it with the versions it was begun "
+            "with, or begin it anew (--overwrite)."
+        )
+    return known
 
 
 def tune_suite(
@@ -115,7 +151,9 @@ def tune_suite(
     labels: Sequence[str] | None = None,
     overwrite: bool = False,
 ) -> Iterator[str]:
-    """Tune the algorithms of a suite one after the other, and yield a line about each.
+    """Tune the algorithms of a suite one after the other, and yield lines about each.
+
+    A study that was ended before its last trial goes on after the last one that is kept.
 
     :param recipe: what the suite is made of
     :param plan: what is equal for all
@@ -130,20 +168,38 @@ def tune_suite(
     chosen = known if labels is None else [find_label(label, known, where) for label in labels]
     for label in known:
         path = study_path(folder, plan.suite, label)
-        if path.exists() and not (overwrite and label in chosen):
-            _check_same_plan(path, plan)
+        held = path if path.exists() else unfinished_path(path)
+        if held.exists() and not (overwrite and label in chosen):
+            _check_same_plan(held, plan)
     for label in chosen:
         path = study_path(folder, plan.suite, label)
         if path.exists() and not overwrite:
+            unfinished_path(path).unlink(missing_ok=True)
             yield f"{label}: kept, {path} is there"
             continue
-        summary = tune(label, recipe.algorithms[label], plan)
+        begun = () if overwrite else _begun(path)
+        if begun:
+            yield f"{label}: going on after {len(begun)} of {plan.n_trials} trials"
+        keep = partial(StudySummary.keep, folder=folder)
+        summary = tune(label, recipe.algorithms[label], plan, keep, begun)
         first, best = summary.trials[0], summary.best
         yield (
             f"{label}: {plan.told(first)} as in the suite, {plan.told(best)} with "
             f"{best.chosen or 'the same'}, {len(summary.trials)} trials of {plan.n_runs} runs; "
             f"{summary.write(folder)}"
         )
+
+
+def _begun(path: Path) -> tuple[Trial, ...]:
+    """Return the trials of a study that was ended before its last one; none where there is none.
+
+    :param path: of the study when it is finished
+    :raises BenchmarkError: they cannot be read
+    """
+    unfinished = unfinished_path(path)
+    if not unfinished.exists():
+        return ()
+    return tuple(Trial(each["chosen"], each["cost"]) for each in read_study(unfinished)["trials"])
 
 
 def _check_same_plan(path: Path, plan: TuningPlan) -> None:
@@ -189,6 +245,14 @@ def study_path(folder: Path, suite: str, label: str) -> Path:
     :param label: of the algorithm
     """
     return folder / suite / f"{slug(label)}.json"
+
+
+def unfinished_path(path: Path) -> Path:
+    """Return where the trials of a study are kept until it has all of them.
+
+    :param path: of the study when it is finished
+    """
+    return path.with_suffix(".unfinished.json")
 
 
 def space_of(algorithm: Algorithm, plan: TuningPlan) -> SearchSpace:
