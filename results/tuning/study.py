@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from results.exceptions import BenchmarkError
+from results.harness.memory import return_memory
 from results.harness.runner import execute
 from results.harness.slugs import slug
 from results.harness.specification import Algorithm, RunSpecification, plain
@@ -309,5 +310,7 @@ def cost_of(label: str, algorithm: Algorithm, plan: TuningPlan) -> float | None:
                 curve = execute(run).measured.curve
             except Exception:  # whatever an algorithm raises is this setting's result
                 return None
+            finally:
+                return_memory()
             costs.append(plan.cost(curve))
     return float(np.mean(costs))
