@@ -26,3 +26,11 @@ class TaskContractError(TaskError):
 
 class RenderingUnavailableError(RuntimeError):
     """No off-screen OpenGL renderer could be started, or the task draws no pictures."""
+
+
+class NoPicturesError(RenderingUnavailableError, TypeError):
+    """A render mode was given for a task that draws no pictures.
+
+    A TypeError, as of an argument that there is not: SB3's ``make_vec_env`` gives every environment
+    ``render_mode="rgb_array"``, and leaves it out where that raises one.
+    """

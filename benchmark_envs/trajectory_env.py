@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from benchmark_envs.exceptions import RenderingUnavailableError, TaskError
+from benchmark_envs.exceptions import NoPicturesError, TaskError
 from benchmark_envs.registry import make_task
 from benchmark_envs.rollouts import FloatArray, Rollouts
 from benchmark_envs.task import Task
@@ -42,7 +42,7 @@ class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
         ``"rgb_array"``: its last frame
     :param settings: arguments of `make_task`, where ``task`` is an id
     :raises TaskError: an unknown id or setting, or a context outside the context space
-    :raises RenderingUnavailableError: a render mode for a task that draws no pictures
+    :raises NoPicturesError: a render mode for a task that draws no pictures
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array_list", "rgb_array"]}  # noqa: RUF012
@@ -68,7 +68,7 @@ class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
         modes = self.metadata["render_modes"] if draws(self.task) else []
         self.metadata = {"render_modes": modes, "render_fps": self.task.frames_per_second}
         if render_mode is not None and not modes:
-            raise RenderingUnavailableError(
+            raise NoPicturesError(
                 f"render_mode is '{render_mode}', and {type(self.task).__name__} draws no pictures "
                 "of its rollouts: leave it out. Tasks that MuJoCo simulates draw, such as "
                 "nmp/Bottles-v0; 'nmp-bench plot' draws the paths of runs."

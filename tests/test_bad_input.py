@@ -423,9 +423,6 @@ BAD: dict[str, tuple[Call, tuple[str, ...]]] = {
         lambda _: make_task(ENV_ID).simulate(np.zeros((0, 4)), np.zeros((0, 200, 2))),
         ("0 contexts were given", "one context for each"),
     ),
-    "a text for a number of points": (
-        lambda _: make_task("nmp/ViaPoints-v0", n_points="3"), ("n_points is '3'", "1 to 6"),
-    ),
     "a step before the reset": (lambda _: task_env().step(TRAJECTORY), ("call reset()",)),
     "a trajectory of another shape": (
         lambda _: stepped(task_env(), np.zeros((3, 2))), ("(3, 2)", "(200, 2)"),

@@ -141,4 +141,5 @@ def test_a_task_without_pictures_refuses_a_render_mode_at_once(task_id: str, mod
     assert gym.make(task_id).metadata["render_modes"] == []
     with pytest.raises(RenderingUnavailableError, match=f"render_mode is '{mode}', and .* leave"):
         gym.make(task_id, render_mode=mode)
+    assert make_vec_env(task_id).render_mode is None, "SB3 asks for rgb_array by itself"
     assert "rgb_array" in gym.make(ENV_ID, render_mode=mode).metadata["render_modes"]

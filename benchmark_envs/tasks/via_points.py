@@ -69,7 +69,7 @@ class ViaPointsTask(Task):
     def __init__(self, n_points: int | None = None) -> None:
         if n_points not in (None, *range(1, MOST_POINTS + 1)):
             raise TaskError(
-                f"n_points is {n_points!r}, but a context has 1 to {MOST_POINTS} points; give one "
+                f"n_points is {n_points}, but a context has 1 to {MOST_POINTS} points; give one "
                 "of these numbers, or None to draw it for each context."
             )
         self.n_points = n_points
