@@ -183,6 +183,30 @@ def test_the_representation_tells_demonstrations_apart(
     assert np.sqrt(((decoded - demonstrations.trajectories) ** 2).mean()) < 0.1
 
 
+@pytest.mark.parametrize(
+    ("settings", "given", "rule"),
+    [
+        (ACNMPCritic, {"pull": "x"}, "pull is 'x'; it must be a number"),
+        (ACNMPCritic, {"pull": np.inf}, "pull is inf; it must be >= 0 and finite"),
+        (ACNMPCritic, {"lengths": 3.0}, "lengths is 3.0; it must be a tuple"),
+        (ACNMPCritic, {"n_moments": 0}, "n_moments is 0; it must be >= 1"),
+        (ACNMPCritic, {"n_rounds": -1}, "n_rounds is -1; it must be >= 0"),
+        (ACNMPCritic, {"n_refinements": 0}, "n_refinements is 0; it must be >= 1"),
+        (ACNMPCritic, {"refinement_scale": 0.0}, "refinement_scale is 0.0; it must be > 0"),
+        (ACNMPCritic, {"candidate_scales": ()}, "candidate_scales is .*at least one value"),
+        (ACNMPCritic, {"terms": "yes"}, "terms is 'yes'; it must be True or False"),
+        (ACNMPExploration, {"radius": "x"}, "radius is 'x'; it must be a number"),
+        (ACNMPAdaptation, {"keep_answers": "yes"}, "keep_answers is 'yes'; it must be True"),
+        (ACNMPAdaptation, {"n_final_steps": -1}, "n_final_steps is -1; it must be >= 0"),
+    ],
+)
+def test_settings_of_a_wrong_kind_or_size_are_refused(
+    settings: type, given: dict[str, Any], rule: str
+) -> None:
+    with pytest.raises(ConfigurationError, match=rule):
+        settings(**given)
+
+
 def test_settings_outside_their_range_are_refused() -> None:
     with pytest.raises(ConfigurationError, match="n_steps is -1"):
         CNMPPretraining(n_steps=-1)

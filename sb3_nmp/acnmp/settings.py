@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, get_args
 
 from sb3_nmp.bayesian.settings import ShapedExploration
+from sb3_nmp.common.argument_types import check_types
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.settings import Presets, Rules, check_rules, settings_name
 
@@ -116,7 +117,9 @@ class ACNMPAdaptation(Presets):
 
     def __post_init__(self) -> None:
         """Check the values."""
-        known = get_args(Advantage)
+        known, others = get_args(Advantage), {**vars(self)}
+        del others["advantage"]  # has a rule of its own
+        check_types(type(self), others)
         rules: Rules = {
             "advantage": (self.advantage in known, f"one of {', '.join(known)}"),
             "temperature": (self.temperature > 0, "> 0"),
@@ -124,7 +127,6 @@ class ACNMPAdaptation(Presets):
             "n_training_steps": (self.n_training_steps >= 0, ">= 0"),
             "n_assimilation_steps": (self.n_assimilation_steps >= 0, ">= 0"),
             "n_final_steps": (self.n_final_steps >= 0, ">= 0"),
-            "keep_answers": (isinstance(self.keep_answers, bool), "True or False"),
         }
         check_rules(self, rules)
 

@@ -1,9 +1,11 @@
 """The settings of a search: where it explores, and how a critic chooses its rollouts."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from sb3_nmp.common.argument_types import check_types
 from sb3_nmp.common.settings import Presets, Rules, check_rules, settings_name
 from sb3_nmp.common.tuning import Choice, Range, SearchSpace
 
@@ -47,6 +49,7 @@ class ShapedExploration(Presets):
 
     def __post_init__(self) -> None:
         """Check the values."""
+        check_types(type(self), vars(self))
         rules: Rules = {
             "noise": (self.noise >= 0, ">= 0"),
             "n_bases": (self.n_bases >= 2, ">= 2"),
@@ -120,16 +123,25 @@ class ACNMPCritic:
 
     def __post_init__(self) -> None:
         """Check the values."""
+        check_types(type(self), vars(self))
         low, high = self.radius_limits
         rules: Rules = {
-            "pull": (self.pull >= 0, ">= 0"),
+            "pull": (0 <= self.pull < math.inf, ">= 0 and finite"),
             "radius_limits": (0 < low <= high, "(low, high) with 0 < low <= high"),
             "growth": (self.growth >= 1, ">= 1"),
             "shrinkage": (0 < self.shrinkage <= 1, "in (0, 1]"),
             "restart_radius": (self.restart_radius >= 0, ">= 0"),
             "lengths": (min(self.lengths, default=0) > 0, "at least one value, all > 0"),
             "noises": (min(self.noises, default=0) > 0, "at least one value, all > 0"),
+            "n_moments": (self.n_moments >= 1, ">= 1"),
             "n_remembered": (self.n_remembered >= 2, ">= 2"),
             "n_candidates": (self.n_candidates >= self.n_refined >= 1, ">= n_refined >= 1"),
+            "candidate_scales": (
+                min(self.candidate_scales, default=0) > 0,
+                "at least one value, all > 0",
+            ),
+            "n_refinements": (self.n_refinements >= 1, ">= 1"),
+            "refinement_scale": (self.refinement_scale > 0, "> 0"),
+            "n_rounds": (self.n_rounds >= 0, ">= 0; 0 refines nothing"),
         }
         check_rules(self, rules)
