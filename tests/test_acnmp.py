@@ -434,6 +434,40 @@ def test_a_search_in_which_nothing_succeeds_begins_anew() -> None:
     assert solved[-1] < least
 
 
+def test_a_search_in_which_nothing_succeeds_starts_elsewhere_and_forgets() -> None:
+    rng = np.random.default_rng(0)
+    space = Subspace(np.zeros((T, 1)), np.eye(T)[:3, :, None])
+    others = [np.full((T, 1), 2.0), np.full((T, 1), 3.0)]
+    search, started = CriticSearch(space, 0.7, elsewhere=[*others]), []
+    for k in range(16):
+        tried = search.ask(1, rng)
+        if len(search.points) == 0:
+            started.append(tried[0])
+        search.tell(generation(tried, np.array([-float(k)])))
+    for start, expected in zip(started, [space.origin, *others], strict=True):
+        np.testing.assert_array_equal(start, expected)
+    assert search.rewards.max() < -7  # of the last start; the very first rollout earned the most
+    assert len(search.rewards) == len(search.points)
+    assert sum(len(part.rewards) for part in search.rollouts) == 16  # the network learns from all
+
+
+def test_a_pinned_search_may_start_from_the_nearest_demonstrations(
+    demonstrations: Demonstrations,
+) -> None:
+    context = demonstrations.contexts[1]
+    model = build(demonstrations, Reach(float(context[0]))).learn(1)
+    search = model.searches[0].search
+    assert isinstance(search, CriticSearch)
+    apart = np.abs(demonstrations.contexts - context)[:, 0]
+    nearest = demonstrations.trajectories[np.argsort(apart)[:3]]
+    np.testing.assert_allclose(search.elsewhere, nearest)
+    assert model._shown_nearest(context, nearest[0].astype(np.float64))[0] == pytest.approx(
+        nearest[1]
+    )
+    model._pinned = False  # where contexts are drawn, there is none
+    assert model._shown_nearest(context, nearest[0].astype(np.float64)) == []
+
+
 def test_the_trust_region_grows_with_success_and_shrinks_without() -> None:
     rng = np.random.default_rng(0)
     space = Subspace(np.zeros((T, 1)), rng.standard_normal((3, T, 1)))

@@ -95,7 +95,8 @@ class BO(AdaptiveAlgorithm):
         along = shaped_directions(self.exploration, self.first_scale(), shown)
         answer = self.policy.known.answer(context[None])[0]
         space, unit = Subspace(answer, along), self._context_unit()
-        return CriticSearch(space, self.exploration.radius, self.critic, unit)
+        elsewhere = self._shown_nearest(context, answer)
+        return CriticSearch(space, self.exploration.radius, self.critic, unit, elsewhere)
 
     def _adapt(self, searched: list[ContextSearch], solved: list[ContextSearch]) -> None:
         self.has_aimed = self.has_aimed or any_has_aimed(searched)

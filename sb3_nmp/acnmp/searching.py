@@ -60,7 +60,9 @@ class SearchingAlgorithm(AdaptiveAlgorithm):
         space = Subspace(answer, along)
         if self.search == "policy":
             return PolicySearch(space, self.exploration)
-        return CriticSearch(space, self.exploration.radius, self.critic, self._context_unit())
+        elsewhere = self._shown_nearest(context, answer)
+        unit, radius = self._context_unit(), self.exploration.radius
+        return CriticSearch(space, radius, self.critic, unit, elsewhere)
 
     def _shown_like(self, context: NDArray[np.float64]) -> Demonstrations:
         """Return the demonstrations of the mode in which the network answers a context (C,)."""

@@ -100,7 +100,7 @@ class TrustRegion:
 @saved_state("critic-search")
 @dataclass
 class CriticSearch:
-    """Bayesian optimisation around a fixed trajectory, the policy's answer when it begins.
+    """Bayesian optimisation around a trajectory, the policy's answer when it begins.
 
     The first trajectory is that answer; the rest of the first generation is drawn around it. Later
     ones are the points of largest random upper confidence bound (`Critic.draw_upper_bounds`) inside
@@ -115,12 +115,16 @@ class CriticSearch:
     :param radius: of the first generation, in standard deviations of the exploration
     :param settings: of the critic
     :param unit: of each entry of the context, shape (C,), in which it is told what was achieved
+    :param elsewhere: trajectories of shape (T, D) that the search starts from when its region has
+        shrunk without a success, one each time: a new search, which forgets the one before. When
+        there are none left, the region begins anew where it is
     :param points: coordinates of the rollouts so far, shape (N, n)
     :param rollouts: what is known of them, oldest generation first
     :param has_improved: whether the last generation has a new best rollout
     :param has_succeeded: whether any rollout has; until then a region that has shrunk begins anew,
         for a rollout can be the best around and yet touch what it must not
     :param n_restarts: how often the region began anew
+    :param n_forgotten: how many rollouts were made before the search started where it is
     :param aims: whether the critic of the last generation aimed
     :param has_aimed: whether what rollouts achieved has changed anything
     :param n_taught: how many rollouts there were when a network last learned from them
@@ -130,11 +134,13 @@ class CriticSearch:
     radius: float
     settings: ACNMPCritic = field(default_factory=ACNMPCritic)
     unit: FloatArray | None = None
+    elsewhere: list[FloatArray] = field(default_factory=list)
     points: FloatArray = field(init=False)
     rollouts: list[Generation] = field(default_factory=list)
     has_improved: bool = False
     has_succeeded: bool = False
     n_restarts: int = 0
+    n_forgotten: int = 0
     aims: bool = False
     has_aimed: bool = False
     n_taught: int = 0
@@ -154,8 +160,9 @@ class CriticSearch:
 
     @property
     def rewards(self) -> FloatArray:
-        """Of the rollouts so far, shape (N,)."""
-        return np.concatenate([np.empty(0), *(part.rewards for part in self.rollouts)])
+        """Of the rollouts so far, since the search started where it is, shape (N,)."""
+        all_of_them = np.concatenate([np.empty(0), *(part.rewards for part in self.rollouts)])
+        return all_of_them[self.n_forgotten :]
 
     def _seen(self, rollouts: Generation) -> Generation:
         """Return rollouts without what the critic is not to see."""
@@ -203,6 +210,7 @@ class CriticSearch:
     def _fit_critic(self) -> Critic:
         """Fit a critic to the best and the newest rollouts."""
         rollouts, n = self._seen(Generation.concatenate(self.rollouts)), len(self.points)
+        rollouts = rollouts[self.n_forgotten :]
         aims = tells_misses(rollouts, self.unit)
         if n >= RECHOOSE * self._n_when_chosen or aims != self.aims:
             self._chosen, self._n_when_chosen = (), n
@@ -247,8 +255,17 @@ class CriticSearch:
         if len(before) > 1:
             self.region.update(self.has_improved)
         if not self.has_succeeded and self.region.radius < self.settings.restart_radius:
-            self.region.radius = self.radius
-            self.n_restarts += 1
+            self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Search farther again, from another trajectory if there is one."""
+        self.region.radius = self.radius
+        self.n_restarts += 1
+        if self.elsewhere:
+            self.space = replace(self.space, origin=self.elsewhere.pop(0))
+            self.n_forgotten += len(self.points)
+            self.points = np.empty((0, self.space.size))
+            self._chosen, self._n_when_chosen = (), 0
 
     @property
     def is_to_be_taught(self) -> bool:
@@ -256,11 +273,11 @@ class CriticSearch:
 
         Else the time that it takes would grow with the square of the rollouts.
         """
-        return len(self.points) >= TEACH * self.n_taught
+        return self.n_forgotten + len(self.points) >= TEACH * self.n_taught
 
     def was_taught(self) -> None:
         """Take note that a network has learned from all rollouts so far."""
-        self.n_taught = len(self.points)
+        self.n_taught = self.n_forgotten + len(self.points)
 
 
 def any_has_aimed(searched: list[ContextSearch]) -> bool:

@@ -25,6 +25,9 @@ from sb3_nmp.common.policies import ElitePolicy
 from sb3_nmp.common.rollouts import Generation, Information
 from sb3_nmp.common.settings import Rules
 
+#: demonstrations that a search in a pinned context begins anew from
+N_ELSEWHERE = 3
+
 
 class AdaptiveArguments(SharedArguments, total=False):
     """Those that all adaptive algorithms share; `AdaptiveAlgorithm` describes them."""
@@ -181,6 +184,25 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
         """
         spread = cast(Demonstrations, self.demonstrations).contexts.std(axis=0, dtype=np.float64)
         return np.where(spread > SAME_CONTEXT, spread, 1.0)
+
+    def _shown_nearest(
+        self, context: NDArray[np.floating], answer: NDArray[np.float64]
+    ) -> list[NDArray[np.float64]]:
+        """Return the trajectories shown in the contexts nearest to a pinned one, (T, D) each.
+
+        Where an answer leads nowhere, a search can begin anew from these.
+
+        :param context: shape (C,)
+        :param answer: from which the search starts, which is left out, shape (T, D)
+        :return: at most `N_ELSEWHERE`, the nearest first; none where contexts are drawn
+        """
+        if not self._pinned:
+            return []
+        shown = cast(Demonstrations, self.demonstrations)
+        apart = (shown.contexts - context) / self._context_unit()
+        ordered = shown.trajectories[np.argsort((apart**2).sum(axis=1), kind="stable")]
+        others = [each for each in ordered.astype(np.float64) if not np.allclose(each, answer)]
+        return others[:N_ELSEWHERE]
 
     # -- the loop ------------------------------------------------------------------------------
 
