@@ -118,8 +118,8 @@ class CriticSearch:
     :param elsewhere: trajectories of shape (T, D) that the search starts from when its region has
         shrunk without a success, one each time: a new search, which forgets the one before. When
         there are none left, the region begins anew where it is
-    :param points: coordinates of the rollouts so far, shape (N, n)
-    :param rollouts: what is known of them, oldest generation first
+    :param points: coordinates of the rollouts since the search started where it is, shape (N, n)
+    :param rollouts: all of them, oldest generation first
     :param has_improved: whether the last generation has a new best rollout
     :param has_succeeded: whether any rollout has; until then a region that has shrunk begins anew,
         for a rollout can be the best around and yet touch what it must not
@@ -160,9 +160,9 @@ class CriticSearch:
 
     @property
     def rewards(self) -> FloatArray:
-        """Of the rollouts so far, since the search started where it is, shape (N,)."""
-        all_of_them = np.concatenate([np.empty(0), *(part.rewards for part in self.rollouts)])
-        return all_of_them[self.n_forgotten :]
+        """Of the rollouts since the search started where it is, shape (N,)."""
+        earned = np.concatenate([np.empty(0), *(part.rewards for part in self.rollouts)])
+        return earned[self.n_forgotten :]
 
     def _seen(self, rollouts: Generation) -> Generation:
         """Return rollouts without what the critic is not to see."""
