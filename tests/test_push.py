@@ -185,6 +185,8 @@ def test_the_cache_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_unknown_reward_is_refused_with_the_list() -> None:
     with pytest.raises(TaskError, match="no reward 'sparse' of PushTask; there are path, goal"):
         make_task("nmp/Push-v0", reward="sparse")
+    with pytest.raises(TaskError, match=r"no reward '\['goal'\]' of PushTask"):
+        make_task("nmp/Push-v0", reward=["goal"])
     assert push("goal").settings == {"reward": "goal"}
 
 

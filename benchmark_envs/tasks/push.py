@@ -117,7 +117,7 @@ class PushTask(MujocoTask):
     targets: ClassVar[FloatArray] = TARGETS
 
     def __init__(self, reward: str = "path", n_threads: int | None = None) -> None:
-        if reward not in REWARDS:
+        if not isinstance(reward, str) or reward not in REWARDS:
             raise TaskError(f"no reward '{reward}' of PushTask; there are {', '.join(REWARDS)}.")
         self.reward = reward
         meaning, self.error_unit = REWARDS[reward]

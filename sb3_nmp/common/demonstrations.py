@@ -176,7 +176,7 @@ class Demonstrations:
         :param seed: of the drawn contexts, or the generator itself
         :param modes: ways to solve the task that are shown in turn, such as ``("s", "reverse_s")``
             of bottles; None shows the expert's first one alone
-        :raises ConfigurationError: the task has no expert
+        :raises ConfigurationError: the task has no expert, or the seed is none
         :raises InvalidDataError: no context, or no mode, at all
         """
         source: Any = gym.make(task).unwrapped if isinstance(task, str) else task
@@ -185,6 +185,10 @@ class Demonstrations:
             raise ConfigurationError(
                 f"{type(source).__name__} has no expert: it needs the methods demonstrate(context) "
                 "and sample_context(rng). Give Demonstrations(contexts, trajectories) your own."
+            )
+        if seed is not None and not isinstance(seed, Integral | np.random.Generator):
+            raise ConfigurationError(
+                f"seed is {seed!r}; it must be a whole number, a generator of NumPy, or None."
             )
         if isinstance(contexts, Integral):
             rng = np.random.default_rng(seed)
