@@ -92,6 +92,21 @@ class CounterWriter:
             file.write(np.int64(n_rollouts).tobytes())
 
 
+def setting_of(run: RunSpecification) -> RunTask:
+    """Return what a run's protocol prepares it from.
+
+    :param run: what to run
+    """
+    return RunTask(
+        run.task,
+        run.seed,
+        run.budget,
+        run.algorithm.pretrained,
+        run.task_settings,
+        run.algorithm.shown_initial,
+    )
+
+
 def execute(run: RunSpecification, on_rollouts: OnRollouts | None = None) -> Result:
     """Do one run in this process.
 
@@ -104,15 +119,7 @@ def execute(run: RunSpecification, on_rollouts: OnRollouts | None = None) -> Res
     th.set_num_threads(1)
     bring_in(run.imports, run.task)
     algorithm = run.algorithm.load()
-    setting = RunTask(
-        run.task,
-        run.seed,
-        run.budget,
-        run.algorithm.pretrained,
-        run.task_settings,
-        run.algorithm.shown_initial,
-    )
-    prepared = run.protocol.prepare(setting, on_rollouts)
+    prepared = run.protocol.prepare(setting_of(run), on_rollouts)
     arguments = run.algorithm.arguments(prepared.demonstrations)
     start = time.perf_counter()
     model = algorithm("MlpPolicy", prepared.env, seed=run.seed, **arguments)

@@ -6,8 +6,7 @@ from typing import Any
 
 from benchmark_envs import Task
 from results.exceptions import BenchmarkError
-from results.harness.environments import RunTask
-from results.harness.runner import sees
+from results.harness.runner import sees, setting_of
 from results.harness.specification import RunSpecification
 from results.leaderboard.rows import Row
 from results.stream.protocol import Stream
@@ -50,14 +49,7 @@ def what_it_may_see(run: RunSpecification) -> list[Seen | None]:
     :param run: one of them
     :raises UntoldError: the algorithm cannot be made here
     """
-    setting = RunTask(
-        run.task,
-        run.seed,
-        run.budget,
-        run.algorithm.pretrained,
-        run.task_settings,
-        run.algorithm.shown_initial,
-    )
+    setting = setting_of(run)
     prepared = run.protocol.prepare(setting)
     try:
         kind, arguments = run.algorithm.load(), run.algorithm.arguments(prepared.demonstrations)
