@@ -20,6 +20,7 @@ from results.adaptation.protocol import Adaptation
 from results.harness.runner import execute
 from results.harness.specification import RunSpecification
 from results.report.frames import rollouts_to_success
+from results.report.statistics import mean_interval
 from results.suites import push
 
 TASK, BUDGET, FIRST_SEED = "nmp/Push-v0", 130, 20_000
@@ -34,7 +35,6 @@ ROWS = (
 #: degrees, between which demonstrated targets lie, and how far beyond their outermost the one is
 SHOWN, BEYOND = (-35.0, 100.0), (10.0, 30.0)
 FEWEST, MOST = 5, 9
-N_RESAMPLES = 5000
 
 
 @dataclass(frozen=True)
@@ -156,9 +156,7 @@ def difference(one: dict[int, float], other: dict[int, float]) -> str:
     :param other: that is subtracted
     """
     apart = np.array([one[split] - other[split] for split in one if split in other])
-    rng = np.random.default_rng(0)
-    means = rng.choice(apart, (N_RESAMPLES, len(apart))).mean(axis=1)
-    low, high = np.quantile(means, [0.025, 0.975])
+    low, high = map(float, mean_interval(apart))
     return f"{apart.mean():.1f} [{low:.1f}, {high:.1f}]"
 
 
