@@ -31,7 +31,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@echo "Installing the pinned packages in .venv (a minute or more)."
 	@$(PYTHON) -m venv .venv
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
-	    -e '.[dev,contrib,robotics,robots]'
+	    -e '.[dev,contrib,qd,robotics,robots]'
 	@touch $@
 	@echo "Installed in .venv."
 
@@ -60,7 +60,7 @@ $(LATEST)/installed: pyproject.toml constraints.txt
 	@$(PYTHON) -m venv $(LATEST)
 	@grep -v '^mujoco==' constraints.txt > $(LATEST)/constraints.txt
 	@$(LATEST)/bin/python -m pip install --quiet --disable-pip-version-check --upgrade \
-	    -c $(LATEST)/constraints.txt -e '.[dev,contrib]' 'mujoco>=4'
+	    -c $(LATEST)/constraints.txt -e '.[dev,contrib,qd]' 'mujoco>=4'
 	@touch $@
 
 test-latest: $(LATEST)/installed ## tests and doctests with the newest MuJoCo, in .venv-latest

@@ -16,12 +16,14 @@ from baselines.promp_rl import (
     StarkProMPRL,
     TransferPolicy,
 )
+from baselines.quality_diversity import CMAME
 from baselines.random_search import RandomSearch
 from baselines.reps import REPS, GaussianPrimitivePolicy
 
 __all__ = [
     "BO",
     "CMAES",
+    "CMAME",
     "DMP",
     "DREPS",
     "GA",

@@ -58,6 +58,12 @@ LOG_EI = Algorithm(
     description="BoTorch: logarithm of expected improvement",
     pretrained=False,
 )
+CMA_ME = Algorithm(
+    "cma-me",
+    "baselines:CMAME",
+    description="pyribs: evolution strategies that fill an archive of different solutions",
+    pretrained=False,
+)
 CONTEXTUAL_REPS = Algorithm(
     "contextual-reps",
     "baselines:ContextualREPS",
@@ -86,6 +92,7 @@ BY_NAME = {
         RANDOM_SEARCH,
         TURBO,
         LOG_EI,
+        CMA_ME,
         CONTEXTUAL_REPS,
         CONTEXTUAL_CMAES,
     )

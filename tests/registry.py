@@ -1,11 +1,13 @@
 """All algorithms, each with settings that make a test quick; contract tests iterate over these."""
 
+from importlib.util import find_spec
 from typing import Any
 
 import benchmark_envs  # noqa: F401  (registers the tasks)
 from baselines import (
     BO,
     CMAES,
+    CMAME,
     DREPS,
     GA,
     REPS,
@@ -61,3 +63,5 @@ ALGORITHMS: dict[type[TrajectoryAlgorithm], dict[str, Any]] = {
     TuRBO: {"population_size": POPULATION, **QUICK_BAYESIAN, "n_candidates": 50},
     LogEI: {"population_size": POPULATION, **QUICK_BAYESIAN, "n_samples": 8, "n_raw": 4},
 }
+if find_spec("ribs"):  # it needs NumPy 2, which the oldest versions are older than
+    ALGORITHMS[CMAME] = {"population_size": POPULATION, "n_emitters": 2}

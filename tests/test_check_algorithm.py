@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -288,7 +289,8 @@ def test_the_page_of_checks_has_every_algorithm_and_every_rule() -> None:
         for line in page.splitlines()
         if line.startswith("| ")
     ]
-    assert table[0] == ["check", *(each.__name__ for each in ALGORITHMS)]
+    asked = [name for name in table[0][1:] if name != "CMAME" or find_spec("ribs")]
+    assert asked == [each.__name__ for each in ALGORITHMS]
     rules = [(rule.__doc__ or "").splitlines()[0] for rule in ALGORITHM_RULES]
     assert [row[0] for row in table[1:]] == [r.replace("``", "`").rstrip(".") for r in rules]
     assert {cell for row in table[1:] for cell in row[1:]} == {"✓"}
