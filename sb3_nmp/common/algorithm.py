@@ -16,7 +16,7 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback, Schedule
 from stable_baselines3.common.vec_env import VecEnv
 
-from sb3_nmp.common import environment, stream
+from sb3_nmp.common import environment, hints, stream
 from sb3_nmp.common.argument_types import check_types
 from sb3_nmp.common.arguments import SB3Arguments, check_names, check_values, complete
 from sb3_nmp.common.demonstrations import Demonstrations, check_type
@@ -197,7 +197,7 @@ class TrajectoryAlgorithm(ResumableAlgorithm):
     def initial_trajectory(self) -> NDArray[np.float64]:
         """Return the environment's naive trajectory for the current context, shape (T, D)."""
         space = cast(spaces.Box, self.action_space)
-        return environment.initial_trajectory(cast(VecEnv, self.env), space)
+        return hints.initial_trajectory(cast(VecEnv, self.env), space)
 
     def first_scale(self) -> tuple[float, ...]:
         """Return the scale at which exploration begins, in the trajectory's unit, length D.
@@ -209,7 +209,7 @@ class TrajectoryAlgorithm(ResumableAlgorithm):
         if self.exploration_scale is not None:
             given = np.broadcast_to(np.asarray(self.exploration_scale, np.float64), space.shape[1:])
             return tuple(given.tolist())
-        found = environment.exploration_scale(cast(VecEnv, self.env), space)
+        found = hints.exploration_scale(cast(VecEnv, self.env), space)
         return tuple((self.default_exploration * found).tolist())
 
     def _excluded_save_params(self) -> list[str]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 from stable_baselines3.common.vec_env import VecEnv
 
-from sb3_nmp.common import environment
+from sb3_nmp.common import hints
 from sb3_nmp.common.arguments import SharedArguments
 from sb3_nmp.common.buffered import BufferedAlgorithm
 from sb3_nmp.common.contextual import ContextualExploration, ContextualSearch, Experience, Skill
@@ -105,11 +105,11 @@ class SkillSearch(BufferedAlgorithm):
         self._varies = bool(np.any(np.ptp(np.concatenate(drawn), axis=0) > SAME_CONTEXT))
         if self._varies:
             if self.relabel:
-                environment.check_tells_achievement(env)
+                hints.check_tells_achievement(env)
             self._search = ContextualSearch(self.contextual)
             self.replay_buffer.capacity = None
             self._begin_skill(env)
-            self._tells_achievement = self._relabels and environment.tells_achievement(env)
+            self._tells_achievement = self._relabels and hints.tells_achievement(env)
 
     def _begin_skill(self, env: VecEnv) -> None:
         """Look at the initial trajectories of a few contexts, which costs no rollout."""
@@ -118,7 +118,7 @@ class SkillSearch(BufferedAlgorithm):
         initial: list[NDArray[np.float64]] = []
         while len(contexts) < 2 * (1 + self.policy.context_dim):
             contexts.extend(self._reset(env))
-            initial.extend(environment.initial_trajectories(env, space))
+            initial.extend(hints.initial_trajectories(env, space))
         self._skill.space.begin(np.stack(contexts), np.stack(initial), self.first_scale())
         self._last_obs = np.stack(contexts[-env.num_envs :])
         if self.demonstrations is not None:
