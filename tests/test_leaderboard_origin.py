@@ -104,12 +104,14 @@ def test_a_shallow_clone_says_what_it_cannot_tell(
 def test_a_copy_without_git_says_so_and_holds(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    # other versions of MuJoCo give other rewards; that the pinned ones give none is another test
+    simulated = verify_row(row_path(DATA, "bottles", "GA")).problems
     monkeypatch.setattr(provenance_module, "git", lambda *_: None)
     for commit in (None, "f" * 40):
         assert "no git history" in why_not_looked_up(origin(commit))
         assert list(about_commit(origin(commit))) == []
     verdict = verify_row(row_path(DATA, "bottles", "GA"))
-    assert verdict.problems == []
+    assert verdict.problems == simulated
     assert [told for told in verdict.unchecked if "no git history" in told] == verdict.unchecked
 
 
@@ -180,9 +182,10 @@ def test_an_algorithm_that_cannot_be_imported_is_told_and_no_problem(
 
     row, evidence, _ = read_row(row_path(DATA, "bottles", "GA"))
     path = write_row(tmp_path, row, evidence)
+    simulated = verify_row(path).problems
     monkeypatch.setattr("baselines.GA.__init__", missing)
     verdict = verify_row(path)
-    assert verdict.problems == []
+    assert verdict.problems == simulated
     assert "GA needs a package" in verdict.unchecked[-1]
 
 

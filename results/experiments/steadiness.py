@@ -3,8 +3,8 @@
 ``python -m results.experiments.steadiness FILE.jsonl`` does a run for each problem of four
 via-points, 20 of them, and each row, appends a line for each, skipping those that are there, and
 prints a Markdown table. Rollouts are cut into windows of 20, two or four generations; a window's
-error is the mean over all of its rollouts, as exploration has it. *Lost* is the sum of its rises,
-in units of what it fell by in all: 0 is steady, and where it is 1 nothing is gained.
+error is the mean over all of its rollouts, as exploration has it. *Lost* is which part of
+its way up and down goes up: 0 is steady, and at 0.5 nothing is gained in all.
 """
 
 import json
@@ -28,15 +28,15 @@ ROWS = ("RC-NMP", "ACNMP, policy gradient", "ACNMP", "GA", "REPS", "CMA-ES")
 
 
 def lost(errors: NDArray[np.floating]) -> float:
-    """Return the sum of a curve's rises, in units of the sum of its falls.
+    """Return which part of a curve's way up and down goes up.
 
-    >>> lost(np.array([3.0, 2.0, 1.0])), lost(np.array([3.0, 1.0, 2.0]))
-    (0.0, 0.5)
+    >>> lost(np.array([3.0, 2.0, 1.0])), lost(np.array([3.0, 1.0, 2.0, 1.0]))
+    (0.0, 0.25)
 
     :param errors: shape (W,)
     """
     steps = np.diff(errors)
-    return float(steps[steps > 0].sum() / max(-steps[steps < 0].sum(), 1e-12))
+    return float(steps[steps > 0].sum() / max(np.abs(steps).sum(), 1e-12))
 
 
 def window_errors(label: str, seed: int) -> list[float]:

@@ -155,7 +155,7 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
             self.n_contexts = self.population_size
         check_multiple("n_contexts", self.n_contexts, env.num_envs)
 
-    def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
+    def set_env(self, env: GymEnv | str, force_reset: bool = True) -> None:
         """Exchange the environment; see SB3. Searches that are under way are dropped.
 
         :param env: the new environment; its spaces must be the old one's

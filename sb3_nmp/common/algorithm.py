@@ -16,9 +16,9 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback, Schedule
 from stable_baselines3.common.vec_env import VecEnv
 
-from sb3_nmp.common import environment, hints, stream
+from sb3_nmp.common import arguments, environment, hints, stream
 from sb3_nmp.common.argument_types import check_types
-from sb3_nmp.common.arguments import SB3Arguments, check_names, check_values, complete
+from sb3_nmp.common.arguments import SB3Arguments, check_learn, check_names, check_values, complete
 from sb3_nmp.common.demonstrations import Demonstrations, check_type
 from sb3_nmp.common.environment import Scale
 from sb3_nmp.common.logs import write_log
@@ -89,7 +89,7 @@ class TrajectoryAlgorithm(ResumableAlgorithm):
         _init_setup_model: bool = True,
         **shared: Unpack[SB3Arguments],
     ) -> None:
-        check_values(type(self), policy, shared.get("seed"), device)
+        shared["seed"] = check_values(type(self), policy, shared.get("seed"), device)
         environment.check_env(env, needed=_init_setup_model)
         env = cast(GymEnv, maybe_make_env(env, shared.get("verbose", 0)))
         if env is not None:  # SB3 would fail an assertion
@@ -135,9 +135,8 @@ class TrajectoryAlgorithm(ResumableAlgorithm):
 
     def _rules(self) -> Rules:
         """Return the rules that the settings must fit."""
-        rate = self.learning_rate
-        usable = callable(rate) or (np.isfinite(rate) and rate >= 0)
-        return {"learning_rate": (bool(usable), "finite and >= 0, or a schedule of such values")}
+        usable = arguments.is_learning_rate(self.learning_rate)
+        return {"learning_rate": (usable, "finite and >= 0, or a schedule of such values")}
 
     @property
     def generation_size(self) -> int:
@@ -184,7 +183,7 @@ class TrajectoryAlgorithm(ResumableAlgorithm):
             self.population_size = environment.rounded_up(self.population_size, env.num_envs)
         environment.check_multiple("the population", self.population_size, env.num_envs)
 
-    def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
+    def set_env(self, env: GymEnv | str, force_reset: bool = True) -> None:
         """Exchange the environment; see SB3.
 
         :param env: the new environment; its spaces must be the old one's
@@ -235,11 +234,12 @@ class TrajectoryAlgorithm(ResumableAlgorithm):
         :param tb_log_name: name of the TensorBoard run; the algorithm's by default
         :param reset_num_timesteps: count rollouts from 0 again; the search itself always goes on
         :param progress_bar: show one (needs tqdm and rich)
-        :raises ConfigurationError: the budget does not allow a single step of the environments
+        :raises ConfigurationError: the budget does not allow a single step of the environments, or
+            another argument does not fit
         """
         env = environment.to_learn_in(self.env, type(self).__name__)
         total_timesteps, callback = self._setup_learn(
-            environment.check_budget(total_timesteps, env.num_envs),
+            check_learn(total_timesteps, callback, log_interval, env.num_envs),
             callback,
             reset_num_timesteps,
             tb_log_name or type(self).__name__,
@@ -258,6 +258,7 @@ class TrajectoryAlgorithm(ResumableAlgorithm):
             if log_interval and generations % log_interval == 0:
                 self.dump_logs(generations)
         self._end_learning()
+        self._standing = stream.generator_states(env)
         callback.on_training_end()
         return self
 

@@ -9,13 +9,18 @@ its description. `check_names` refuses what is not among them.
 import inspect
 import re
 from difflib import get_close_matches
-from typing import Any, TypedDict, get_args
+from numbers import Integral, Real
+from typing import Any, TypedDict, cast, get_args
 
+import numpy as np
 import torch as th
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.utils import get_device
 
 from sb3_nmp.common.demonstrations import Demonstrations
+from sb3_nmp.common.environment import check_budget
 from sb3_nmp.common.exceptions import ConfigurationError, UnknownArgumentError
 
 
@@ -90,9 +95,9 @@ def check_names(cls: type, given: dict[str, Any]) -> None:
 
 
 def check_values(
-    cls: type[BaseAlgorithm], policy: object, seed: int | None, device: th.device | str
-) -> None:
-    """Raise for values that SB3 or PyTorch would refuse in words of their own.
+    cls: type[BaseAlgorithm], policy: object, seed: object, device: th.device | str
+) -> int | None:
+    """Return a seed as a whole number, and raise for values that SB3 or PyTorch would refuse.
 
     :param cls: the algorithm
     :param policy: an alias or a class
@@ -101,13 +106,14 @@ def check_values(
     :raises ConfigurationError: one does not fit
     """
     check_policy(cls, policy)
-    check_seed(seed)
+    whole = check_seed(seed)
     try:
         get_device(device)
     except (RuntimeError, TypeError, AttributeError) as error:
         raise ConfigurationError(
             f"device is {device!r}; it must be 'cpu', 'cuda', 'cuda:0' or the like, or 'auto'."
         ) from error
+    return whole
 
 
 def check_policy(cls: type[BaseAlgorithm], policy: object) -> None:
@@ -115,25 +121,67 @@ def check_policy(cls: type[BaseAlgorithm], policy: object) -> None:
 
     :param cls: the algorithm
     :param policy: an alias or a class
-    :raises ConfigurationError: it has none of that name
+    :raises ConfigurationError: it has none of that name, or it is no policy's class
     """
+    if not isinstance(policy, str):
+        if not (isinstance(policy, type) and issubclass(policy, BasePolicy)):
+            raise ConfigurationError(
+                f"policy is {policy!r}; it must be one of {', '.join(cls.policy_aliases)}, or a "
+                "class that derives from a policy of this library."
+            )
     if isinstance(policy, str) and policy not in cls.policy_aliases:
         raise ConfigurationError(
             f"{cls.__name__} has no policy '{policy}'; it has {', '.join(cls.policy_aliases)}."
         )
 
 
-def check_seed(seed: int | None) -> None:
-    """Raise for a seed that NumPy's generators do not take.
+def check_seed(seed: object) -> int | None:
+    """Return a seed as a whole number; raise for one that NumPy's generators do not take.
 
     :param seed: any, or None
-    :raises ConfigurationError: it is below 0 or above 2^32 - 1
+    :raises ConfigurationError: it is no whole number, below 0 or above 2^32 - 1
     """
-    if seed is not None and not 0 <= seed < 2**32:
+    whole = isinstance(seed, Integral) and not isinstance(seed, bool)
+    if seed is not None and not (whole and 0 <= int(cast(int, seed)) < 2**32):
         raise ConfigurationError(
-            f"seed is {seed}; it must be in [0, {2**32 - 1}], or None for a run that cannot be "
-            "repeated."
+            f"seed is {seed!r}; it must be a whole number in [0, {2**32 - 1}], or None for a run "
+            "that cannot be repeated."
         )
+    return None if seed is None else int(cast(int, seed))
+
+
+def is_learning_rate(rate: Any) -> bool:  # noqa: ANN401
+    """Return whether a number, or what a schedule begins with, can be a learning rate.
+
+    :param rate: a number or a schedule
+    """
+    first = rate(1.0) if callable(rate) else rate
+    return isinstance(first, Real) and bool(np.isfinite(float(first))) and float(first) >= 0
+
+
+def check_learn(total_timesteps: object, callback: object, log_interval: object, n: int) -> int:
+    """Return a budget as a whole number, and raise for arguments of ``learn`` that do not fit.
+
+    :param total_timesteps: rollouts; a float such as ``1e4`` will do
+    :param callback: as SB3 takes it
+    :param log_interval: generations between two lines of the log, or None
+    :param n: parallel environments
+    :raises ConfigurationError: one does not fit
+    """
+    given = callback if isinstance(callback, list) else [callback]
+    for each in given:
+        is_one = isinstance(each, BaseCallback) or (callable(each) and not isinstance(each, type))
+        if not is_one and callback is not None:
+            hint = " (it is a class: add brackets)" if isinstance(each, type) else ""
+            raise ConfigurationError(
+                f"callback is {callback!r}{hint}; it must be a BaseCallback of SB3, a list of "
+                "them, or a function of the local and global variables."
+            )
+    if log_interval is not None and not isinstance(log_interval, Integral):
+        raise ConfigurationError(
+            f"log_interval is {log_interval!r}; it must be a whole number of generations, or None."
+        )
+    return check_budget(total_timesteps, n)
 
 
 def _passed_on(cls: type) -> type | None:

@@ -161,7 +161,7 @@ def check_budget(total_timesteps: object, n_envs: int) -> int:
     :raises ConfigurationError: it is no whole number, or does not allow a single step
     """
     whole = isinstance(total_timesteps, Real) and float(total_timesteps).is_integer()
-    if not whole:
+    if not whole or isinstance(total_timesteps, bool):
         raise ConfigurationError(
             f"total_timesteps is {total_timesteps!r}; it must be a whole number of rollouts."
         )
@@ -219,7 +219,10 @@ def check_scale(name: str, scale: Scale, n_dimensions: int) -> None:
     :param n_dimensions: D
     :raises ConfigurationError: it does not
     """
-    values = np.atleast_1d(scale)
+    try:
+        values = np.atleast_1d(np.asarray(scale, np.float64))
+    except (TypeError, ValueError):
+        values = np.empty(0)
     if values.shape not in ((1,), (n_dimensions,)) or not np.all((values > 0) & (values < np.inf)):
         raise ConfigurationError(
             f"{name} is {scale}; it must be one finite number > 0, or a tuple of {n_dimensions}: "

@@ -26,7 +26,12 @@ from safetensors.numpy import save as write_tensors
 from stable_baselines3.common.save_util import open_path
 
 from sb3_nmp.common.codec import Decoder, Encoder, UnknownKindError
-from sb3_nmp.common.exceptions import FileFormatError, PickleWarning, UnsafeFileError
+from sb3_nmp.common.exceptions import (
+    ConfigurationError,
+    FileFormatError,
+    PickleWarning,
+    UnsafeFileError,
+)
 
 CONTENT, TENSORS = "sb3_nmp.json", "tensors.safetensors"
 #: of the layout; a reader refuses newer ones
@@ -47,7 +52,9 @@ def writing(path: AnyPath, suffix: str = "") -> Iterator[BufferedIOBase]:
 
     :param path: of the file, or a file that is open already
     :param suffix: that a path without one gets, such as ``"zip"``
+    :raises ConfigurationError: it is neither
     """
+    check_path(path)
     if not isinstance(path, str | PathLike):
         yield cast(BufferedIOBase, open_path(path, "w"))
         return
@@ -147,8 +154,8 @@ def read(
         raise
     except DAMAGE as error:
         raise FileFormatError(
-            f"{_name(path)} cannot be read: {type(error).__name__}: {error} It is damaged, or was "
-            "written by another version."
+            f"{_name(path)} cannot be read: {type(error).__name__}: {str(error).rstrip('.')}. It "
+            "is damaged, or was written by another version."
         ) from error
     return found
 
@@ -202,7 +209,7 @@ def _members(
     except DAMAGE as error:
         raise FileFormatError(
             f"{name} is no {kind} that this library saved, or is damaged: {type(error).__name__}: "
-            f"{error} Pickles and other foreign files are not read."
+            f"{str(error).rstrip('.')}. Pickles and other foreign files are not read."
         ) from error
     if found != kind:
         raise FileFormatError(f"{name} holds a {found}; a {kind} is needed.")
@@ -232,9 +239,31 @@ def _foreign(name: str, kind: str, members: list[str]) -> FileFormatError:
     )
 
 
+def check_path(path: object) -> None:
+    """Raise for what is neither a path nor a file that is open for bytes.
+
+    :param path: any
+    :raises ConfigurationError: it is neither
+    """
+    if not isinstance(path, str | PathLike | BufferedIOBase):
+        raise ConfigurationError(
+            f"path is {path!r}; it must be a path, or a file that is open for bytes, such as "
+            "open(name, 'rb') or io.BytesIO()."
+        )
+
+
 def bytes_of(path: AnyPath, suffix: str = "") -> bytes:
-    """Return a file's content; an open file is left where it was."""
+    """Return a file's content; an open file is left where it was.
+
+    :param path: of the file, or an open one
+    :param suffix: that is tried where a path without one does not exist
+    :raises ConfigurationError: it is neither
+    :raises FileFormatError: it is a folder
+    """
+    check_path(path)
     if isinstance(path, str | PathLike):
+        if Path(path).is_dir() and not (suffix and Path(f"{fspath(path)}.{suffix}").exists()):
+            raise FileFormatError(f"'{fspath(path)}' is a folder; name a file in it.")
         with open_path(Path(path), "r", suffix=suffix or None) as file:
             return file.read()
     file = open_path(path, "r")

@@ -25,13 +25,18 @@ def read_minari(dataset: Any, n_steps: int | None, context: str | None) -> tuple
     :param context: the entry of the first observation that is the context, where observations are
         dictionaries
     :raises ConfigurationError: Minari is not installed
-    :raises InvalidDataError: an episode has many steps, and ``n_steps`` is None; or observations
-        that hold no such entry
+    :raises InvalidDataError: no dataset; an episode has many steps, and ``n_steps`` is None; or
+        observations that hold no such entry
     """
     check_minari()
     import minari
 
     dataset = minari.load_dataset(dataset) if isinstance(dataset, str) else dataset
+    if not hasattr(dataset, "iterate_episodes"):
+        raise InvalidDataError(
+            f"dataset is {dataset!r}; it must be a minari.MinariDataset, or the id of a local one, "
+            "such as 'lab/press-v0'."
+        )
     episodes = list(dataset.iterate_episodes())
     contexts = np.array([_first(each.observations, context, each.id) for each in episodes])
     if n_steps is not None:

@@ -120,9 +120,18 @@ class TrajectoryPolicy(BasePolicy):
 
         :param observation: context of shape (C,), or (N, C), of any precision
         :return: float32, shape (N, C)
-        :raises InvalidDataError: a value that is not finite
+        :raises InvalidDataError: no numbers, another shape, or a value that is not finite
         """
-        observed, vectorized = super().obs_to_tensor(observation)
+        given = np.asarray(observation)
+        shapes = ((self.context_dim,), (*given.shape[:1], self.context_dim))
+        if given.dtype.kind not in "fiub" or given.shape not in shapes:
+            raise InvalidDataError(
+                f"the context is {observation!r}, of shape {given.shape}; it must be numbers of "
+                f"shape (C,) or (N, C), where C is {self.context_dim}."
+            )
+        if len(given) == 0:
+            raise InvalidDataError("no context was given: the array has no rows.")
+        observed, vectorized = super().obs_to_tensor(given)
         contexts = cast(th.Tensor, observed).float()
         if not contexts.isfinite().all():
             row = int((~contexts.isfinite().all(dim=1)).nonzero()[0])

@@ -1,6 +1,7 @@
 """Trajectories of any length, recorded at any times, brought to one length by interpolation."""
 
 from collections.abc import Sequence
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,15 +31,33 @@ def resample(
     :raises InvalidDataError: fewer than 2 points, times that do not increase, or shapes that do not
         fit
     """
-    if n_steps < 2:
-        raise InvalidDataError(f"n_steps is {n_steps}; a trajectory has at least 2 time points.")
-    rows = [np.asarray(each, np.float64) for each in trajectories]
+    if not isinstance(n_steps, Integral) or n_steps < 2:
+        raise InvalidDataError(
+            f"n_steps is {n_steps!r}; it must be a whole number of time points, at least 2."
+        )
+    rows = [_numbers(i, each) for i, each in enumerate(trajectories)]
+    dimensions = {row.shape[1:] for row in rows}
+    if len(dimensions) > 1:
+        raise InvalidDataError(
+            f"the trajectories have time points of the shapes {sorted(dimensions)}; all must have "
+            "the same dimensions."
+        )
     given = [np.arange(len(row)) for row in rows] if times is None else times
     if len(given) != len(rows):
         raise InvalidDataError(f"times of {len(given)} trajectories were given for {len(rows)}.")
     return np.stack(
         [_one(i, r, t, n_steps) for i, (r, t) in enumerate(zip(rows, given, strict=True))]
     )
+
+
+def _numbers(index: int, trajectory: ArrayLike) -> NDArray[np.float64]:
+    """Return a trajectory as an array."""
+    try:
+        return np.asarray(trajectory, np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidDataError(
+            f"trajectory {index} is {trajectory!r}; it must be numbers of shape (T, D)."
+        ) from error
 
 
 def _one(

@@ -2,16 +2,17 @@
 
 import inspect
 import warnings
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import numpy as np
 import torch as th
 from numpy.typing import NDArray
+from stable_baselines3.common.base_class import maybe_make_env
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.common.vec_env import VecEnv
 
-from sb3_nmp.common import stream
+from sb3_nmp.common import environment, stream
 from sb3_nmp.common.argument_types import check_types
 from sb3_nmp.common.arguments import check_names, check_seed
 from sb3_nmp.common.exceptions import ConfigurationError, ResumeWarning
@@ -36,6 +37,8 @@ class ResumableAlgorithm(SafeFiles):
     _population_given: bool = False
     #: generators of the environments before their last reset; None where that seeded them
     _before_reset: list[stream.State] | None = None
+    #: generators of the environments when `learn` ended
+    _standing: list[stream.State] | None = None
 
     def _reset(self, env: VecEnv) -> NDArray[np.float32]:
         """Reset the environments; return the contexts that they draw, shape (n_envs, C).
@@ -58,7 +61,7 @@ class ResumableAlgorithm(SafeFiles):
         return ready
 
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "_before_reset"]
+        return [*super()._excluded_save_params(), "_before_reset", "_standing"]
 
     def save(self, path: Any, *args: Any, **kwargs: Any) -> None:  # noqa: ANN401
         """Write the model to a zip file; see SB3.
@@ -69,18 +72,29 @@ class ResumableAlgorithm(SafeFiles):
         """
         loaded = self._stream
         if loaded is None and self.env is not None and self._last_obs is not None:
-            now = stream.generator_states(self.env)
+            closed = getattr(self.env.unwrapped, "closed", False)  # as SubprocVecEnv's are
+            now = self._standing if closed else stream.generator_states(self.env)
             self._stream = {"before": self._before_reset, "now": now}
         try:
             super().save(path, *args, **kwargs)
         finally:
             self._stream = loaded
 
+    def set_env(self, env: GymEnv | str, force_reset: bool = True) -> None:
+        """Exchange the environment; see SB3.
+
+        :param env: the new environment, or the id of one; its spaces must be the old one's
+        :param force_reset: reset it before training goes on
+        :raises ConfigurationError: it is no environment
+        """
+        environment.check_env(env, needed=True)
+        super().set_env(cast(GymEnv, maybe_make_env(env, self.verbose)), force_reset)
+
     @classmethod
     def load(
         cls,
         path: Any,  # noqa: ANN401
-        env: GymEnv | None = None,
+        env: GymEnv | str | None = None,
         device: th.device | str = "cpu",
         *args: Any,  # noqa: ANN401
         **changes: Any,  # noqa: ANN401
@@ -88,22 +102,26 @@ class ResumableAlgorithm(SafeFiles):
         """Read a model from a zip file; see SB3.
 
         :param path: of the file
-        :param env: to go on in; not needed for `predict`
+        :param env: to go on in, or the id of one; not needed for `predict`
         :param device: of the policy; the constructor's default
         :param args: see SB3
         :param changes: arguments of SB3's ``load``, and of the constructor those to be changed
         :raises UnknownArgumentError: there is none of that name
-        :raises ConfigurationError: one of a wrong type, or one that can no longer be changed
+        :raises ConfigurationError: one of a wrong type, one that can no longer be changed, or no
+            environment
         """
         of_load = inspect.signature(super().load).parameters
         given = {name: value for name, value in changes.items() if name not in of_load}
         check_names(cls, given)
         check_types(cls, given)
-        check_seed(given.get("seed"))
+        if "seed" in given:
+            changes["seed"] = check_seed(given["seed"])
         changes |= {ATTRIBUTES[name]: value for name, value in given.items() if name in ATTRIBUTES}
         if "population_size" in given:
             changes["_population_given"] = True
-        model = super().load(path, env, device, *args, **changes)
+        environment.check_env(env, needed=False)
+        made = cast(GymEnv | None, maybe_make_env(cast(GymEnv, env), 0))
+        model = super().load(path, made, device, *args, **changes)
         for name, value in model._made_with().items():
             if given.get(name, value) != value:
                 raise ConfigurationError(

@@ -100,17 +100,19 @@ class Generation:
         :param trajectories: shape (N, T, D)
         :param rewards: shape (N,)
         :param infos: one for each environment, see `RolloutInfo`
-        :raises InvalidDataError: an achieved context of a wrong shape
+        :raises InvalidDataError: a reward that is not finite, or an info that tells no such value
         """
+        rewards = np.asarray(rewards, np.float64)
+        check_rewards(rewards, contexts)
         keys = [key for key in infos[0] if key.startswith(TERM_PREFIX)]
         steps = [info.get(STEP_REWARDS) for info in infos]
         return cls(
             cast(NDArray[np.float32], contexts),
             trajectories,
-            np.asarray(rewards, np.float64),
-            np.array([bool(info.get(IS_SUCCESS, False)) for info in infos]),
+            rewards,
+            np.array([bool(told_number(info, IS_SUCCESS, 0.0)) for info in infos]),
             {
-                key.removeprefix(TERM_PREFIX): np.array([info[key] for info in infos], np.float64)
+                key.removeprefix(TERM_PREFIX): np.array([told_number(i, key) for i in infos])
                 for key in keys
             },
             None if any(step is None for step in steps) else np.array(steps, np.float64),
@@ -152,24 +154,58 @@ class Generation:
         )
 
 
+def check_rewards(rewards: NDArray[np.float64], contexts: NDArray[np.floating]) -> None:
+    """Raise for a reward that no other can be compared with.
+
+    :param rewards: shape (N,)
+    :param contexts: in which they were earned, shape (N, C)
+    :raises InvalidDataError: one is not finite
+    """
+    for row in np.flatnonzero(~np.isfinite(rewards))[:1]:
+        raise InvalidDataError(
+            f"environment {row} returned the reward {rewards[row]} in the context "
+            f"{np.asarray(contexts)[row].tolist()}; rewards must be finite. Where a rollout broke "
+            "down, return the worst reward that can be earned. learn may be called again: what was "
+            "learned before is kept."
+        )
+
+
+def told_number(info: dict[str, Any], key: str, default: float | None = None) -> float:
+    """Return a number that an environment's info tells.
+
+    :param info: of one rollout
+    :param key: that is read
+    :param default: where there is none
+    :raises InvalidDataError: it is no single number, or missing where there is no default
+    """
+    value = np.asarray(info.get(key, default))
+    if value.size != 1 or value.dtype.kind not in "bfiu":
+        raise InvalidDataError(
+            f"info['{key}'] is {info.get(key)!r}; it must be one number or truth value for each "
+            "rollout, or be left out of every info."
+        )
+    return float(value.item())
+
+
 def achieved_contexts(infos: list[dict[str, Any]], context_dim: int) -> NDArray[np.float64] | None:
     """Return what each rollout achieved, NaN where it tells none, shape (N, C); None if none does.
 
     :param infos: one for each environment
     :param context_dim: C
-    :raises InvalidDataError: one of a wrong shape
+    :raises InvalidDataError: one of a wrong shape, or no numbers
     """
     if not any(ACHIEVED_CONTEXT in info for info in infos):
         return None
     nothing = np.full(context_dim, np.nan)
-    told = [np.asarray(info.get(ACHIEVED_CONTEXT, nothing), np.float64) for info in infos]
+    told = [np.asarray(info.get(ACHIEVED_CONTEXT, nothing)) for info in infos]
     for achieved in told:
-        if achieved.shape != (context_dim,):
+        if achieved.shape != (context_dim,) or achieved.dtype.kind not in "fiu":
             raise InvalidDataError(
-                f"info['{ACHIEVED_CONTEXT}'] has shape {achieved.shape}; it must be a context, of "
-                f"shape ({context_dim},), or be left out where a rollout achieved nothing."
+                f"info['{ACHIEVED_CONTEXT}'] has shape {achieved.shape} and dtype "
+                f"{achieved.dtype}; it must be a context, {context_dim} numbers of shape "
+                f"({context_dim},), or be left out where a rollout achieved nothing."
             )
-    return np.stack(told)
+    return np.stack(told).astype(np.float64)
 
 
 def _join_achieved(parts: list[Generation]) -> NDArray[np.float64] | None:

@@ -84,7 +84,7 @@ class SkillSearch(BufferedAlgorithm):
             return self.relabel
         return self._search is None or self._search.shown is None
 
-    def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
+    def set_env(self, env: GymEnv | str, force_reset: bool = True) -> None:
         """Exchange the environment; see SB3. Whether its contexts vary is found out anew.
 
         :param env: the new environment; its spaces must be the old one's

@@ -56,9 +56,11 @@ class Entry:
         :param path: of its file
         :param env: the environments
         :param seed: as in the call that made it
-        :param given: arguments of the class's ``load``, and those to change as they stand in a file
+        :param given: arguments of the class's ``load``, and those to change as they stand in a
+            file; demonstrations are left out, for the model knows those that it was made with
         :raises ConfigurationError: an argument that does not fit
         """
+        given.pop("demonstrations", None)
         return self.algorithm.load(path, env=env, seed=seed, **self._arguments(env, seed, given))
 
     def _arguments(
