@@ -95,7 +95,7 @@ BAD: dict[str, tuple[Call, tuple[str, ...]]] = {
     ),
     "an achieved context in words": (
         lambda _: learnt(GA, telling(achieved_context="x")),
-        ("info['achieved_context']", "dtype <U1", "1 numbers of shape (1,)"),
+        ("info['achieved_context']", "dtype <U1", "numbers of shape (1,)"),
     ),
     **{
         f"a scale of {scale!r} of its own": (

@@ -326,7 +326,7 @@ BAD: dict[str, tuple[Call, tuple[str, ...]]] = {
         lambda _: made().predict((np.zeros(1), {})), ("a tuple", "probably mixing Gym API"),
     ),
     "a context of another length": (
-        lambda _: made().predict(np.zeros(3)), ("(3,)", "please use (1,)"),
+        lambda _: made().predict(np.zeros(3)), ("(3,)", "(C,) or (N, C), where C is 1"),
     ),
     "a context of nan": (
         lambda _: made().predict(np.array([NAN])), ("[nan]", "not finite", "1 finite numbers"),

@@ -83,7 +83,7 @@ def test_what_was_achieved_is_gathered_and_joined() -> None:
     assert whole.achieved is not None
     np.testing.assert_array_equal(whole.achieved, [[np.nan], [0.5], [np.nan]])
     assert whole[np.array([1])].achieved == 0.5
-    with pytest.raises(InvalidDataError, match=r"shape \(2,\); it must be a context.*\(1,\)"):
+    with pytest.raises(InvalidDataError, match=r"shape \(2,\) .* it must be a context.*\(1,\)"):
         Generation.from_step(np.zeros((1, 1)), np.zeros((1, 5, 1), np.float32), np.zeros(1),
                              [{ACHIEVED_CONTEXT: np.zeros(2)}])  # fmt: skip
 

@@ -31,12 +31,13 @@ COUNTS: dict[tuple[str, str], tuple[int, ...]] = {
 }
 OTHERWISE = (0, 100, 200, 400, 600)
 N_CONTEXTS, N_ON_THE_WAY, N_DEMONSTRATIONS, STEPS = 200, 50, 20, 50
-#: search over contexts that begins with demonstrations, by the network and by a linear regression
+#: what begins with demonstrations and explores near them; the third answers by linear regression
 SHOWN = {
+    "ACNMP, near": (ACNMP, {}),
     "RC-NMP, shown": (RCNMP, {}),
     "ridge in the loop, shown": (GA, {"policy_kwargs": {"regression": "ridge"}}),
 }
-#: how far it explores, in m: half the block's size
+#: how far these explore, in m: half the block's size
 SHOWN_SCALE = 0.025
 #: unseen goals are drawn with these seeds, demonstrated ones with the run's own
 FIRST_TEST_SEED, FIRST_EXPERT_SEED = 500_000, 900_000
@@ -101,6 +102,7 @@ def bandit(task: str, method: str, seed: int) -> tuple[Any, Callable[[Array], Ar
             kind, settings = SHOWN[method]
             settings = {"demonstrations": shown, "exploration_scale": SHOWN_SCALE, **settings}
             model = kind("MlpPolicy", env, seed=seed, **settings)
+            model = model.pretrain() if isinstance(model, ACNMP) else model
         elif method == "ACNMP":
             model = ACNMP("MlpPolicy", env, demonstrations=shown, seed=seed).pretrain()
         else:
@@ -157,7 +159,7 @@ def run(task: str, method: str, seed: int) -> dict[str, Any]:
         budget = count * per_rollout - model.num_timesteps
         if budget > 0:
             model.learn(budget, reset_num_timesteps=False)
-        if method in ("RC-NMP", *SHOWN) and count == 0:
+        if count == 0 and method in ("RC-NMP", *SHOWN) and not isinstance(model, ACNMP):
             continue  # it has seen nothing yet
         n = N_CONTEXTS if count == counts[-1] else N_ON_THE_WAY
         found = (

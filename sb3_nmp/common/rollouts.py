@@ -202,8 +202,8 @@ def achieved_contexts(infos: list[dict[str, Any]], context_dim: int) -> NDArray[
         if achieved.shape != (context_dim,) or achieved.dtype.kind not in "fiu":
             raise InvalidDataError(
                 f"info['{ACHIEVED_CONTEXT}'] has shape {achieved.shape} and dtype "
-                f"{achieved.dtype}; it must be a context, {context_dim} numbers of shape "
-                f"({context_dim},), or be left out where a rollout achieved nothing."
+                f"{achieved.dtype}; it must be a context, numbers of shape ({context_dim},), or be "
+                "left out where a rollout achieved nothing."
             )
     return np.stack(told).astype(np.float64)
 
