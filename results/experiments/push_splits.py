@@ -5,18 +5,17 @@ and each row, and appends a line for each, skipping those that are there; ``show
 a Markdown table. The unit of replication is the split, which also seeds the run.
 """
 
-import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
 from benchmark_envs.tasks.push import BEARINGS, DISTANCES
 from results.adaptation.protocol import Adaptation
+from results.experiments.json_lines import append_missing, read_lines
 from results.harness.runner import execute
 from results.harness.specification import RunSpecification
 from results.report.frames import rollouts_to_success
@@ -91,34 +90,6 @@ def measure(label: str, number: int) -> dict[str, Any]:
     }
 
 
-def run(file: Path, first: int, n: int) -> None:
-    """Do the runs that the file does not hold, and append them.
-
-    :param file: one JSON object a line
-    :param first: number of the first split
-    :param n: how many splits
-    """
-    known = {(each["row"], each["split"]) for each in read(file)}
-    asked = [(row, number) for number in range(first, first + n) for row in ROWS]
-    todo = [each for each in asked if each not in known]
-    found = Parallel(n_jobs=-1, return_as="generator_unordered")(
-        delayed(measure)(*each) for each in todo
-    )
-    for each in found:
-        with file.open("a", encoding="utf-8") as lines:
-            lines.write(f"{json.dumps(each)}\n")
-
-
-def read(file: Path) -> list[dict[str, Any]]:
-    """Return what a file holds; nothing where there is none.
-
-    :param file: one JSON object a line
-    """
-    if not file.exists():
-        return []
-    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
-
-
 def show(file: Path) -> None:
     """Print a table: rollouts until success, and how many more than ACNMP takes, with intervals.
 
@@ -129,7 +100,7 @@ def show(file: Path) -> None:
     spent: dict[str, dict[int, float]] = {}
     solved: dict[str, int] = {}
     errors: dict[str, list[float]] = {}
-    for each in read(file):
+    for each in read_lines(file):
         row, first = each["row"], each["rollouts"]
         spent.setdefault(row, {})[each["split"]] = BUDGET if first is None else first
         solved[row] = solved.get(row, 0) + (first is not None)
@@ -164,7 +135,9 @@ def main() -> None:
     """Do what the command line asks for."""
     kind, file, *numbers = sys.argv[1:]
     if kind == "run":
-        run(Path(file), *map(int, numbers))
+        first, n = map(int, numbers)
+        runs = [(row, split) for split in range(first, first + n) for row in ROWS]
+        append_missing(Path(file), measure, runs, "split")
     show(Path(file))
 
 

@@ -7,15 +7,14 @@ error is the mean over all of its rollouts, as exploration has it. *Lost* is whi
 its way up and down goes up: 0 is steady, and at 0.5 nothing is gained in all.
 """
 
-import json
 import sys
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
+from results.experiments.json_lines import append_missing, read_lines
 from results.harness.greedy import GreedyEvaluation
 from results.harness.runner import setting_of
 from results.harness.specification import RunSpecification
@@ -65,23 +64,13 @@ def measure(label: str, seed: int) -> dict[str, Any]:
     return {"row": label, "seed": seed, "errors": window_errors(label, seed)}
 
 
-def read(file: Path) -> list[dict[str, Any]]:
-    """Return what a file holds; nothing where there is none.
-
-    :param file: one JSON object a line
-    """
-    if not file.exists():
-        return []
-    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
-
-
 def show(file: Path) -> None:
     """Print the table, with 95 % intervals over problems.
 
     :param file: one JSON object a line
     """
     found: dict[str, dict[int, NDArray[np.float64]]] = {}
-    for each in read(file):
+    for each in read_lines(file):
         found.setdefault(each["row"], {})[each["seed"]] = np.array(each["errors"])
     print("| | first window [m] | last | lost | more than RC-NMP |")
     print("|---|--:|--:|--:|--:|")
@@ -108,15 +97,8 @@ def told(values: NDArray[np.float64]) -> str:
 def main() -> None:
     """Do the runs that a file does not hold, and print the table."""
     file = Path(sys.argv[1])
-    known = {(each["row"], each["seed"]) for each in read(file)}
     seeds = range(FIRST_SEED, FIRST_SEED + N_SEEDS)
-    todo = [(row, seed) for seed in seeds for row in ROWS if (row, seed) not in known]
-    runs = Parallel(n_jobs=-1, return_as="generator_unordered")(
-        delayed(measure)(*each) for each in todo
-    )
-    for each in runs:
-        with file.open("a", encoding="utf-8") as lines:
-            lines.write(f"{json.dumps(each)}\n")
+    append_missing(file, measure, [(row, seed) for seed in seeds for row in ROWS], "seed")
     show(file)
 
 
