@@ -39,6 +39,9 @@ def add_leaderboard(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, default=RUNS, metavar="DIR", help="of the runs (default: %(default)s)"
     )
+    parser.add_argument(
+        "--against", metavar="LABEL", help="show: by how much each row is above that one, in pairs"
+    )
     parser.add_argument("--overwrite", action="store_true", help="update: do finished runs again")
     parser.add_argument(
         "--exact",
@@ -65,6 +68,8 @@ def leaderboard(options: argparse.Namespace) -> int:
         )
     if options.exact and options.what != "check":
         raise BenchmarkError(f"--exact goes with check, which does runs again; not {options.what}.")
+    if options.against and options.what != "show":
+        raise BenchmarkError(f"--against goes with show, which compares rows; not {options.what}.")
     boards = {name: find_board(name) for name in options.board or BOARDS}
     data = options.data or DATA
     doing = {"show": _show, "update": _update, "check": _check, "verify": _verify}
@@ -94,11 +99,13 @@ def _rows(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> li
 def _show(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> int:
     from rich.console import Console
 
+    from results.leaderboard.against import against
     from results.leaderboard.files import read_row
     from results.leaderboard.tables import page
 
     console = Console(highlight=False)
-    shown = page([read_row(path)[0] for path in _rows(boards, data, options)])
+    rows = [read_row(path)[0] for path in _rows(boards, data, options)]
+    shown = against(rows, options.against) if options.against else page(rows)
     console.print(shown.terminal(console.width))
     return HOLDS
 
