@@ -70,8 +70,9 @@ def solve(rewards: FloatArray, features: FloatArray, epsilon: float) -> Contextu
     theta = np.asarray(np.linalg.lstsq(features, standard, rcond=None)[0], np.float64)
     first = solve_without_contexts(standard - features @ theta, epsilon)
     if std == 0.0 or not np.isfinite(first.eta):  # the context explains all
-        n = len(rewards)
-        return ContextualSolution(np.full(n, 1 / n), float("inf"), 0.0, theta * max(std, 1.0))
+        n, value = len(rewards), theta * std
+        value[0] += float(rewards.max())
+        return ContextualSolution(np.full(n, 1 / n), float("inf"), 0.0, value)
     low, high = ETA_BOUNDS
 
     def objective(x: FloatArray) -> tuple[float, FloatArray]:

@@ -150,6 +150,8 @@ class ArchiveSearch(PointSearch):
         points, rewards = self.points[rows], self.rewards[rows]
         measures = points @ self._to_measures
         news = archive.add(points, rewards, measures)
+        if rows.start == 0:  # the start was executed in place of the first strategy's first point
+            news["status"][0], news["value"][0] = 0, -np.inf
         for each, own in zip(self._emitters, self._shares, strict=True):
             of_own = {name: values[own] for name, values in news.items()}
             each.tell(points[own], rewards[own], measures[own], of_own)

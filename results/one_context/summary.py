@@ -14,12 +14,12 @@ from results.report.own_answer import own_numbers, own_row
 from results.report.statistics import (
     expected_rollouts,
     holm,
+    improvement_within,
     interquartile_mean,
     interquartile_mean_interval,
     mean_interval,
     named,
     permutation_p,
-    probability_of_improvement,
     quantile,
     quartiles,
     success_interval,
@@ -127,13 +127,12 @@ def compare(runs: pd.DataFrame, reference: str) -> pd.DataFrame:
 def _better(ours: pd.DataFrame, theirs: pd.DataFrame) -> dict[str, Any]:
     row: dict[str, Any] = {}
     for name, (column, sign) in MEASURES.items():
-        better = probability_of_improvement(sign * ours[column], sign * theirs[column])
-        row |= named(name, ("p", "low", "high"), better)
         strata = [
             (_sorted(sign * mine[column]), _sorted(sign * yours[column]))
             for variant, mine in ours.groupby("variant")
             if len(yours := theirs.loc[theirs["variant"] == variant])
         ]
+        row |= named(name, ("p", "low", "high"), improvement_within(strata))
         row[f"{name}_p_value"] = permutation_p(strata)
     return row
 

@@ -264,16 +264,17 @@ class ACNMP(SearchingAlgorithm):
         highest = self.lr_schedule(self._current_progress_remaining)
         for step, batch in enumerate(self._sampler(rng).draw(n_steps)):
             update_learning_rate(policy.optimizer, cosine(highest, step / n_steps))
-            losses = []
             if settings.supervised:
-                losses.append(negative_log_likelihood(network, batch, beta))
+                self._step(negative_log_likelihood(network, batch, beta))
             if gradient is not None and step < n_gradients:
-                losses.append(gradient.loss())
-            for loss in losses:
-                policy.optimizer.zero_grad()
-                loss.backward()
-                policy.optimizer.step()
+                self._step(gradient.loss())
         policy.train(False)
+
+    def _step(self, loss: th.Tensor) -> None:
+        """Take one step of the optimiser down the gradient of a loss of the present weights."""
+        self.policy.optimizer.zero_grad()
+        loss.backward()
+        self.policy.optimizer.step()
 
     def _end_learning(self) -> None:
         """Bring the network's own answer to what a critic has found in a pinned context.

@@ -254,7 +254,8 @@ class CriticSearch:
             self.has_succeeded, self.n_taught = True, 0
         if len(before) > 1:
             self.region.update(self.has_improved)
-        if not self.has_succeeded and self.region.radius < self.settings.restart_radius:
+        smallest = min(self.settings.restart_radius, self.radius * self.settings.shrinkage)
+        if not self.has_succeeded and self.region.radius < smallest:
             self._begin_anew()
 
     def _begin_anew(self) -> None:

@@ -78,7 +78,8 @@ class ACNMPCritic:
     :param growth: factor on the radius after a generation with a new best rollout
     :param shrinkage: factor on the radius after any other generation
     :param restart_radius: where nothing has succeeded yet, a smaller radius begins anew at the
-        exploration's, as TuRBO restarts. 0, or what is not above the smallest radius, never does:
+        exploration's, as TuRBO restarts; a search that began with less than this may shrink once.
+        0, or what is not above the smallest radius, never does:
         a search that aims then leaves that where its radius can shrink no more
     :param lengths: length scales of the Gaussian process to choose from by evidence, in units of
         the typical distance of two draws from the exploration. Over the longest it is as good as

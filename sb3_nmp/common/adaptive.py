@@ -216,6 +216,8 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
         return super()._setup_learn(*args, **kwargs)
 
     def _begin_generation(self) -> None:
+        if self._pinned and self.searches and self._is_elsewhere(self.searches[0].context):
+            self.searches = []
         if not self.searches:
             drawn = self._draw_contexts()
             contexts = drawn[: self.n_contexts]
@@ -226,6 +228,16 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
                 return
             self.searches = [ContextSearch(contexts[0], self._new_search(contexts[0]))]
         self._proposals = ask_all(self.searches, self.population_size, self.rng)
+
+    def _is_elsewhere(self, context: NDArray[np.float32]) -> bool:
+        """Return whether the environments are in another context than the one that was pinned.
+
+        They are where the model was loaded with another environment, or where one that draws
+        contexts drew the same ones when it was first looked at.
+
+        :param context: shape (C,)
+        """
+        return bool(np.abs(np.asarray(self._last_obs) - context).max() > SAME_CONTEXT)
 
     def _draw_contexts(self) -> NDArray[np.float32]:
         """Let the environments draw at least two contexts and ``n_contexts``, shape (n, C)."""
@@ -291,7 +303,7 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
     def _assimilate(self, solved: list[ContextSearch]) -> None:
         """Add the solutions to the replay buffer (VIII); a pinned context has one at most."""
         if self._pinned and solved:
-            self.replay_buffer = self._empty_buffer()
+            self.replay_buffer.drop(solved[0].context, SAME_CONTEXT)
         for each in solved:
             solution = cast(NDArray[np.float32], each.solution)
             self.replay_buffer.add(each.context[None], solution[None], np.array([each.reward]))

@@ -128,7 +128,19 @@ class TrajectoryBuffer:
         others = np.sort(best_first[self.n_elites :])
         n_others = self.capacity - self.n_elites
         newest = others[len(others) - n_others :]
-        keep = np.sort(np.concatenate([best_first[: self.n_elites], newest]))
+        self._keep(np.sort(np.concatenate([best_first[: self.n_elites], newest])))
+
+    def drop(self, context: NDArray[np.floating], tolerance: float) -> None:
+        """Forget the rollouts of a context.
+
+        :param context: shape (C,)
+        :param tolerance: largest difference in an entry at which two contexts are the same
+        """
+        same = np.abs(self._contexts - context).max(axis=1, initial=0.0) <= tolerance
+        self._keep(np.flatnonzero(~same))
+
+    def _keep(self, keep: NDArray[np.intp]) -> None:
+        """Forget all rows but some."""
         self._contexts = self._contexts[keep]
         self._trajectories = self._trajectories[keep]
         self._rewards = self._rewards[keep]

@@ -4,6 +4,7 @@ Replay buffer, elites, mutation by smooth noise and the PD controller (thesis 6.
 subclass supplies offspring before they are mutated, and may judge what they promise.
 """
 
+import warnings
 from abc import abstractmethod
 from typing import Any, Unpack, cast
 
@@ -14,6 +15,7 @@ from stable_baselines3.common.type_aliases import GymEnv, Schedule
 
 from sb3_nmp.common import environment
 from sb3_nmp.common.buffer import TrajectoryBuffer
+from sb3_nmp.common.exceptions import ResumeWarning
 from sb3_nmp.common.niches import Niches, View
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.operators import take_turns
@@ -100,6 +102,7 @@ class PopulationSearch(SkillSearch):
         self._initial: NDArray[np.float64] | None = None
         self.n_modes, self._niches = n_modes, Niches(n_modes)
         self._members: NDArray[np.float64] | None = None
+        self._n_before = 0  # generations in another context
         super().__init__(
             policy, env, population_size=population_size, learning_rate=learning_rate, **shared
         )
@@ -161,14 +164,36 @@ class PopulationSearch(SkillSearch):
         return self._initial
 
     def _begin_generation(self) -> None:
-        if self._varies is None:
+        is_elsewhere, before = self._is_elsewhere(), self._pinned_context
+        if self._varies is None or is_elsewhere:
             self._look_at_contexts()
+        if is_elsewhere and before is not None and not self._varies:
+            self._begin_in_another_context(before)
         if self._search is not None:
             self._begin_exploration(self._search)
         elif len(self.replay_buffer) == 0:
             self._members = self._first_members()
         else:
             self._members = self._next_members()
+
+    def _begin_in_another_context(self, before: NDArray[np.float32]) -> None:
+        """Forget the search of the context before: its start, its goal, and what earned what.
+
+        The policy still remembers the best rollout there, and the network keeps its weights.
+
+        :param before: that context, shape (C,)
+        """
+        warnings.warn(
+            f"the environment's context is {np.asarray(self._last_obs)[0].tolist()}, and the "
+            f"search was in {before.tolist()}: it begins anew. To learn for many contexts, give an "
+            "environment that draws them.",
+            ResumeWarning,
+            stacklevel=5,
+        )
+        self.replay_buffer = self._empty_buffer()
+        self._niches, self._n_before = Niches(self.n_modes), self._n_updates
+        self._initial = None if self.demonstrations is None else self.demonstrations.trajectories
+        self.policy.ways.forget()
 
     def _first_members(self) -> NDArray[np.float64]:
         """Return the initial trajectories, and mutations of them, shape (N, T, D)."""
@@ -192,7 +217,7 @@ class PopulationSearch(SkillSearch):
     def _views(self, n: int) -> list[View]:
         """Return what the rollouts are worth to n members of the next generation."""
         line = self.initial.mean(axis=0)
-        return self._niches.views(self.replay_buffer, line, n, self._n_updates)
+        return self._niches.views(self.replay_buffer, line, n, self._n_updates - self._n_before)
 
     def _members_of(self, view: View, explorers: int) -> NDArray[np.float64]:
         """Return explorers and the members of one view, shape (explorers + view.n, T, D)."""
@@ -275,7 +300,7 @@ class PopulationSearch(SkillSearch):
     def _learn_modes(self, n: int) -> None:
         """Look for new modes in the last n rollouts, and remember the best rollout of each."""
         buffer, niches, line = self.replay_buffer, self._niches, self.initial.mean(axis=0)
-        niches.take(buffer, line, len(buffer) - n, self._n_updates + 1)
+        niches.take(buffer, line, len(buffer) - n, self._n_updates - self._n_before + 1)
         if niches.best:
             rows = niches.best
             self.policy.ways.forget()

@@ -54,6 +54,8 @@ class SkillSearch(BufferedAlgorithm):
         self.contextual, self.relabel = contextual, relabel
         self._search: ContextualSearch | None = None
         self._varies: bool | None = None
+        #: the one that is searched, as long as contexts do not vary
+        self._pinned_context: NDArray[np.float32] | None = None
         self._tells_achievement = False
         self._noise: NDArray[np.float64] | None = None
         super().__init__(
@@ -95,6 +97,22 @@ class SkillSearch(BufferedAlgorithm):
         if self._search is None:
             self._varies = None
 
+    def _is_elsewhere(self) -> bool:
+        """Return whether the environments are in another context than the one that is searched.
+
+        They are where the model was loaded with another environment, or where one that draws
+        contexts drew the same ones when it was first looked at.
+        """
+        known = self._pinned_context
+        if self._search is not None or known is None:
+            return False
+        seen = np.concatenate([known[None], self._latest_contexts(), np.asarray(self._last_obs)])
+        return bool(np.ptp(seen, axis=0).max() > SAME_CONTEXT)
+
+    def _latest_contexts(self) -> NDArray[np.float32]:
+        """Return the contexts of the last generation, shape (N, C)."""
+        return self.replay_buffer.contexts[-self.population_size :]
+
     def _look_at_contexts(self) -> None:
         """Find out whether contexts vary, and begin the skill where they do."""
         env = cast(VecEnv, self.env)
@@ -102,7 +120,11 @@ class SkillSearch(BufferedAlgorithm):
         if len(drawn[0]) < 2:
             drawn.append(self._reset(env))
         self._last_obs = drawn[-1]
-        self._varies = bool(np.any(np.ptp(np.concatenate(drawn), axis=0) > SAME_CONTEXT))
+        looked_at = [np.concatenate(drawn)]
+        if self._pinned_context is not None and len(self.replay_buffer):
+            looked_at.append(self._latest_contexts())
+        self._varies = any(bool(np.ptp(rows, axis=0).max() > SAME_CONTEXT) for rows in looked_at)
+        self._pinned_context = None if self._varies else drawn[-1][0]
         if self._varies:
             if self.relabel:
                 hints.check_tells_achievement(env)

@@ -63,7 +63,7 @@ class MemberLinear(nn.Module):
             found = th.bmm(rows, self.weight)
         else:
             found = th.baddbmm(self.bias, rows, self.weight)
-        return found.view(*inputs.shape[:-1], -1)
+        return found.view(*inputs.shape[:-1], self.weight.shape[-1])
 
 
 def linear(

@@ -229,6 +229,10 @@ class RCNMP(PopulationSearch):
         stored = self.replay_buffer.trajectories
         return judge(stored, view, trajectories, self.reward_model, generator)
 
+    def _begin_in_another_context(self, before: NDArray[np.float32]) -> None:
+        super()._begin_in_another_context(before)
+        self.policy.scale.zero_()  # the network's origin and unit are those of the new start
+
     def _end_generation(self, generation: Generation) -> None:
         super()._end_generation(generation)
         if self._search is None:

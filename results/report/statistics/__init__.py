@@ -10,6 +10,7 @@ from results.report.statistics.censored import expected_rollouts
 from results.report.statistics.comparisons import (
     LEVEL,
     holm,
+    improvement_within,
     permutation_p,
     probability_of_improvement,
     verdict,
@@ -28,6 +29,7 @@ __all__ = [
     "NO_INTERVAL",
     "expected_rollouts",
     "holm",
+    "improvement_within",
     "interquartile_mean",
     "interquartile_mean_interval",
     "mean_interval",

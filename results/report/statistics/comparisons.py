@@ -32,9 +32,31 @@ def probability_of_improvement(values: ArrayLike, others: ArrayLike) -> tuple[fl
     :param others: of the other's, shape (M,)
     :return: probability, low, high; the interval is NaN where one has but one seed
     """
-    ours, theirs = np.asarray(values, float), np.asarray(others, float)
-    wins = (ours[:, None] > theirs) + 0.5 * (ours[:, None] == theirs)
-    found, n, m = float(wins.mean()), len(ours), len(theirs)
+    return improvement_within([(values, others)])
+
+
+def improvement_within(
+    strata: Sequence[tuple[ArrayLike, ArrayLike]],
+) -> tuple[float, float, float]:
+    """Return `probability_of_improvement` over pairs of runs of one stratum each.
+
+    It is above one half exactly where the statistic of `permutation_p` is above 0. Pairs across
+    strata, such as a hard variant of a task and an easy one, would tell of the variants.
+
+    >>> easy, hard = ([10.0, 10.0], [11.0, 11.0]), ([2.0, 2.0], [3.0, 3.0])
+    >>> improvement_within([easy, hard])[0], probability_of_improvement(*easy)[0]
+    (0.0, 0.0)
+
+    :param strata: values of both algorithms in each stratum, shapes (n,) and (m,); larger is better
+    :return: as of `probability_of_improvement`
+    """
+    wins, n_pairs, n, m = 0.0, 0, 0, 0
+    for values, others in strata:
+        ours, theirs = np.asarray(values, float), np.asarray(others, float)
+        each = (ours[:, None] > theirs) + 0.5 * (ours[:, None] == theirs)
+        wins, n_pairs = wins + float(each.sum()), n_pairs + each.size
+        n, m = n + len(ours), m + len(theirs)
+    found = wins / n_pairs if n_pairs else float("nan")
     if min(n, m) < 2:
         return found, *NO_INTERVAL
     p = np.linspace(0.0, 1.0, GRID)
