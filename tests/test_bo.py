@@ -13,14 +13,22 @@ from sb3_nmp import (
     ACNMP,
     ACNMPCritic,
     ACNMPExploration,
+    CNMPPretraining,
     ConfigurationError,
     Demonstrations,
     ResumeWarning,
     ShapedExploration,
 )
-from sb3_nmp.bayesian.shaped_noise import noise_directions, spread_over_time
+from sb3_nmp.bayesian.shaped_noise import (
+    FEWEST,
+    LEAST_SHARE,
+    nearer_scale,
+    noise_directions,
+    spread_over_time,
+)
 from sb3_nmp.common.regression import NEWEST, fit
 from tests.test_acnmp import SHOWN, Reach, expert
+from tests.test_another_context import Reach as Ending
 
 EVERY = pytest.mark.parametrize("regression", ["nearest", "ridge", "quadratic", "gaussian-process"])
 DEMONSTRATIONS = Demonstrations(SHOWN, expert(SHOWN))
@@ -182,3 +190,46 @@ def test_a_policy_that_knows_nothing_says_so() -> None:
     env: Any = Reach(0.0)
     with pytest.raises(ConfigurationError, match=r"knows no trajectory; call policy\.known\.learn"):
         BOPolicy(env.observation_space, env.action_space).predict(np.zeros(1, np.float32))
+
+
+# -- how far a search among drawn contexts explores --------------------------------------------
+
+
+def linear(error: float, n: int = 12) -> Demonstrations:
+    """Demonstrations that are linear in the context, but for an error of that size."""
+    rng = np.random.default_rng(0)
+    contexts = rng.uniform(-1.0, 1.0, (n, 2))
+    plain = np.linspace(0.0, 1.0, 30)[None, :, None] * (contexts @ [1.0, -2.0])[:, None, None]
+    return Demonstrations(contexts, plain + error * rng.standard_normal((n, 1, 1)))
+
+
+def test_a_search_among_drawn_contexts_explores_as_far_as_demonstrations_err() -> None:
+    settings, scale = ShapedExploration(), (0.2,)
+    shares = [nearer_scale(settings, scale, linear(error))[0] / 0.2 for error in (0.0, 0.05, 1.0)]
+    assert shares[0] == pytest.approx(LEAST_SHARE)
+    assert shares[1] == pytest.approx(0.05 / (settings.radius * 0.2), rel=0.4)
+    assert shares[2] == 1.0
+    assert nearer_scale(settings, scale, linear(0.0, FEWEST - 1)) == scale
+    assert nearer_scale(ShapedExploration(foretold=False), scale, linear(0.0)) == scale
+
+
+@pytest.mark.parametrize("algorithm", [BO, ACNMP])
+def test_only_there_and_only_where_no_scale_was_given(algorithm: Any) -> None:
+    contexts = np.linspace(-1.5, 1.5, 8)[:, None]
+    shown = Demonstrations(contexts, np.stack([np.linspace([0.0], 3 * c, 20) for c in contexts]))
+    quick: dict[str, Any] = {} if algorithm is BO else {"pretraining": CNMPPretraining(5)}
+
+    def spread(pinned: bool, **given: Any) -> float:
+        arguments = {"demonstrations": shown, "seed": 0, **quick, **given}
+        model: Any = algorithm("MlpPolicy", Ending(-1.0, 1.0), **arguments)
+        if algorithm is ACNMP:
+            model.pretrain()
+        model._pinned = pinned
+        search = model._new_search(np.array([0.5], np.float32))
+        return float(np.abs(search.space.directions).mean())
+
+    whole = spread(True)
+    assert spread(False) == pytest.approx(LEAST_SHARE * whole, rel=0.5)
+    assert spread(False, exploration_scale=Ending.exploration_scale) == pytest.approx(whole)
+    settings = ACNMPExploration if algorithm is ACNMP else ShapedExploration
+    assert spread(False, exploration=settings(foretold=False)) == pytest.approx(whole)

@@ -13,7 +13,7 @@ from stable_baselines3.common.type_aliases import GymEnv
 from baselines.bayesian.policies import BOPolicy
 from sb3_nmp.bayesian.search import CriticSearch, Subspace, any_has_aimed
 from sb3_nmp.bayesian.settings import SEARCH_SPACE, ACNMPCritic, ShapedExploration
-from sb3_nmp.bayesian.shaped_noise import shaped_directions
+from sb3_nmp.bayesian.shaped_noise import nearer_scale, shaped_directions
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm, AdaptiveArguments
 from sb3_nmp.common.context_search import ContextSearch
 from sb3_nmp.common.demonstrations import Demonstrations
@@ -92,7 +92,10 @@ class BO(AdaptiveAlgorithm):
 
     def _new_search(self, context: NDArray[np.float32]) -> CriticSearch:
         shown = cast(Demonstrations, self.demonstrations)
-        along = shaped_directions(self.exploration, self.first_scale(), shown)
+        scale = self.first_scale()
+        if self._may_search_nearer:
+            scale = nearer_scale(self.exploration, scale, shown)
+        along = shaped_directions(self.exploration, scale, shown)
         answer = self.policy.known.answer(context[None])[0]
         space, unit = Subspace(answer, along), self._context_unit()
         elsewhere = self._shown_nearest(context, answer)

@@ -16,6 +16,7 @@ from sb3_nmp.acnmp.settings import ACNMPExploration
 from sb3_nmp.acnmp.ways import WaysSearch
 from sb3_nmp.bayesian.search import CriticSearch, Subspace
 from sb3_nmp.bayesian.settings import ACNMPCritic
+from sb3_nmp.bayesian.shaped_noise import nearer_scale
 from sb3_nmp.common.adaptive import AdaptiveAlgorithm
 from sb3_nmp.common.context_search import ContextSearch, thresholds
 from sb3_nmp.common.demonstrations import Demonstrations
@@ -56,7 +57,10 @@ class SearchingAlgorithm(AdaptiveAlgorithm):
         self, context: NDArray[np.float64], answer: NDArray[np.float64], shown: Demonstrations
     ) -> CriticSearch | PolicySearch:
         """Return a search that starts from an answer (T, D) in the context (C,)."""
-        along = directions(self.exploration, self.first_scale(), self.policy.cnmp, shown, context)
+        scale = self.first_scale()
+        if self._may_search_nearer:
+            scale = nearer_scale(self.exploration, scale, shown)
+        along = directions(self.exploration, scale, self.policy.cnmp, shown, context)
         space = Subspace(answer, along)
         if self.search == "policy":
             return PolicySearch(space, self.exploration)

@@ -37,6 +37,8 @@ class ShapedExploration(Presets):
         demonstrations agree, such as at a common start. Near 1 is best where the demonstrations
         span what is to be found, less where they all lack it
     :param radius: of the first generation, in standard deviations of the exploration
+    :param foretold: among drawn contexts, explore no farther than the demonstrations foretell each
+        other wrongly (`nearer_scale`), where ``exploration_scale`` is the environment's own
     :raises ConfigurationError: a value outside its range
     """
 
@@ -44,6 +46,7 @@ class ShapedExploration(Presets):
     n_bases: int = 8
     shaped: float = 0.8
     radius: float = 0.7
+    foretold: bool = True
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"push": {"n_bases": 4, "shaped": 0.99}}
 

@@ -8,8 +8,13 @@ from numpy.typing import NDArray
 from sb3_nmp.bayesian.settings import ShapedExploration
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.noise import SmoothNoise
+from sb3_nmp.common.regression import least_error_penalty, leave_one_out_error
 
 FloatArray = NDArray[np.float64]
+#: demonstrations from which their errors can be told
+FEWEST = 5
+#: of the scale: tasks are not always so forgiving as their demonstrations are alike
+LEAST_SHARE = 0.15
 
 
 def shaped_directions(
@@ -25,6 +30,31 @@ def shaped_directions(
     """
     mixing = spread_over_time(demonstrations, settings.shaped) * np.asarray(scale)
     return noise_directions(settings.noise * mixing, settings.n_bases)
+
+
+def nearer_scale(
+    settings: ShapedExploration, scale: tuple[float, ...], demonstrations: Demonstrations
+) -> tuple[float, ...]:
+    """Return the scale of a search among drawn contexts, at most the one given, length D.
+
+    What a policy gets wrong in a new context is about as large as what a linear regression gets
+    wrong in demonstrated ones that are left out in turn. So the first generation is drawn with that
+    standard deviation, where it is less than the scale's own: searching far around answers that are
+    nearly right costs rollouts.
+
+    :param settings: of the noise; its radius is of the first generation
+    :param scale: of exploration, in the trajectory's unit, length D
+    :param demonstrations: of one way to do the task
+    """
+    if not settings.foretold or len(demonstrations) < FEWEST:
+        return scale
+    std = demonstrations.contexts.std(axis=0, dtype=np.float64)
+    known = demonstrations.contexts / np.where(std > 1e-9, std, 1.0)
+    values = (demonstrations.trajectories / np.asarray(scale)).reshape(len(known), -1)
+    values = values.astype(np.float64)
+    error = leave_one_out_error(known, values, least_error_penalty(known, values)) ** 0.5
+    share = float(np.clip(error / settings.radius, LEAST_SHARE, 1.0))
+    return tuple(share * each for each in scale)
 
 
 def spread_over_time(demonstrations: Demonstrations, share: float) -> FloatArray:

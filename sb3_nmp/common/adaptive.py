@@ -185,6 +185,14 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
         spread = cast(Demonstrations, self.demonstrations).contexts.std(axis=0, dtype=np.float64)
         return np.where(spread > SAME_CONTEXT, spread, 1.0)
 
+    @property
+    def _may_search_nearer(self) -> bool:
+        """Whether searches may explore less far than the environment's scale says.
+
+        They may among drawn contexts, where nobody has given another scale.
+        """
+        return not self._pinned and self.exploration_scale is None
+
     def _shown_nearest(
         self, context: NDArray[np.floating], answer: NDArray[np.float64]
     ) -> list[NDArray[np.float64]]:
