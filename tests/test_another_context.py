@@ -101,6 +101,7 @@ def test_a_search_in_another_context_is_as_good_as_a_new_one(
         model.learn(120)
     assert model.replay_buffer.trajectories[0, -1, 0] == pytest.approx(-4.5, abs=0.2)
     assert (model.replay_buffer.contexts < 0).all()
+    assert model._views(20)[0].age == 120 // model.population_size  # its noise began anew
     assert model.replay_buffer.rewards.max() > 2 * fresh.replay_buffer.rewards.max() - 0.05
     again, _ = model.predict(np.array([1.5], np.float32), deterministic=True)
     np.testing.assert_array_equal(again, first)  # what was found there is remembered
@@ -140,3 +141,16 @@ def test_an_environment_whose_first_draws_are_equal_is_found_out(algorithm: Any)
         assert model._varies
     else:
         assert not model._pinned
+
+
+@POPULATIONS
+def test_contexts_that_varied_within_a_generation_vary_whatever_is_drawn_next(
+    algorithm: Any,
+) -> None:
+    model = made(algorithm, 1.0).learn(20)
+    assert model._varies is False
+    n = model.population_size
+    contexts = np.linspace(-1.0, 1.0, n)[:, None]
+    model.replay_buffer.add(contexts, np.zeros((n, T, 1)), np.zeros(n), np.zeros(n, bool))
+    model.learn(20)
+    assert model._varies
