@@ -72,8 +72,8 @@ def test_both_of_two_hills_are_in_the_archive() -> None:
         for hill in (HILL, -HILL):
             near = ((each.points - hill) ** 2).sum(axis=1) < 3.0
             assert each.rewards[near].max() > -0.45
-    cells = each.cells(np.stack([HILL, -HILL]))
-    assert cells[0] != cells[1]
+        cells = each.cells(np.stack([HILL, -HILL]))
+        assert cells[0] != cells[1]
 
 
 @needs_ribs
