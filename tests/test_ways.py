@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch as th
 
-from sb3_nmp import ACNMP, ACNMPAdaptation, CNMPArchitecture, CNMPPretraining
+from sb3_nmp import ACNMP, ACNMPAdaptation, ACNMPExploration, CNMPArchitecture, CNMPPretraining
 from sb3_nmp.acnmp.ways import WaysSearch
 from sb3_nmp.models.mode_gate import ModeGate
 from sb3_nmp.models.mode_success import N_REMEMBERED, ModeSuccess
@@ -122,6 +122,7 @@ def test_answers_that_satisfied_are_learned_beside_solutions() -> None:
         n_successes=2,
         max_generations=30,
         adaptation=ACNMPAdaptation(keep_answers=True, n_assimilation_steps=2),
+        exploration=ACNMPExploration(foretold=False),  # it needs more than demonstrations foretell
         env=Farther(),
     ).learn(120)
     contexts, answers = model._satisfying_answers()
