@@ -28,6 +28,7 @@ from sb3_nmp.acnmp.settings import Advantage
 from sb3_nmp.bayesian.search import CriticSearch, Subspace
 from sb3_nmp.common.rollouts import Generation
 from sb3_nmp.models.cnmp import CNMP
+from sb3_nmp.models.cnmp_training import CNMPPretraining, pretrain
 from tests import test_acnmp as toy
 from tests import test_algorithms as contract
 from tests.registry import DEMONSTRATIONS, ENV_ID, POPULATION
@@ -329,3 +330,24 @@ def test_before_any_training_it_says_that_its_answers_mean_nothing(
         with pytest.warns(UntrainedWarning, match="call learn, or pretrain"):
             ask(context)
     model.pretrain().predict(context)  # warnings are errors in these tests
+
+
+def test_each_step_takes_the_gradient_of_the_present_weights(
+    demonstrations: Demonstrations, pretrained: dict[str, th.Tensor]
+) -> None:
+    """PyTorch tells where weights were changed before a backward pass, but not of fused Adam."""
+    env = Higher(float(GOAL[0]), tolerance=-1.0)
+    model = begun(demonstrations, pretrained, env, search="policy", population_size=5)
+    model.policy.optimizer = th.optim.Adam(model.policy.cnmp.parameters(), 1e-3)
+    assert model.learn(10).num_timesteps == 10
+
+
+def test_a_network_may_be_trained_without_conditioning_points(
+    demonstrations: Demonstrations,
+) -> None:
+    cnmp = pretrain(
+        demonstrations,
+        CNMPPretraining(n_steps=3, max_conditioning_points=0),
+        np.random.default_rng(0),
+    )
+    assert np.isfinite(cnmp.trajectories(demonstrations.contexts)).all()

@@ -19,6 +19,7 @@ from sb3_nmp import (
     ResumeWarning,
     ShapedExploration,
 )
+from sb3_nmp.bayesian.search import CriticSearch, Subspace
 from sb3_nmp.bayesian.shaped_noise import (
     FEWEST,
     LEAST_SHARE,
@@ -27,6 +28,7 @@ from sb3_nmp.bayesian.shaped_noise import (
     spread_over_time,
 )
 from sb3_nmp.common.regression import NEWEST, fit
+from sb3_nmp.common.rollouts import Generation
 from tests.test_acnmp import SHOWN, Reach, expert
 from tests.test_another_context import Reach as Ending
 
@@ -233,3 +235,18 @@ def test_only_there_and_only_where_no_scale_was_given(algorithm: Any) -> None:
     assert spread(False, exploration_scale=Ending.exploration_scale) == pytest.approx(whole)
     settings = ACNMPExploration if algorithm is ACNMP else ShapedExploration
     assert spread(False, exploration=settings(foretold=False)) == pytest.approx(whole)
+
+
+@pytest.mark.parametrize(("radius", "n_rollouts"), [(0.15, 4), (0.7, 7)])
+def test_a_region_shrinks_before_it_begins_anew_however_small_it_was(
+    radius: float, n_rollouts: int
+) -> None:
+    space = Subspace(np.zeros((10, 1)), np.random.default_rng(0).normal(size=(4, 10, 1)))
+    search = CriticSearch(space, radius, ACNMPCritic(n_candidates=50), None, [np.ones((10, 1))])
+    rng, since = np.random.default_rng(0), []
+    for reward in range(0, -12, -1):  # no rollout is better than the one before
+        tried = search.ask(1, rng).astype(np.float32)
+        none = np.zeros((1, 1), np.float32)
+        search.tell(Generation(none, tried, np.array([float(reward)]), np.array([False])))
+        since.append(search.n_restarts)
+    assert since.index(1) + 1 == n_rollouts

@@ -289,3 +289,12 @@ def test_settings_that_do_not_fit_are_refused(
 ) -> None:
     with pytest.raises(ConfigurationError, match=message):
         algorithm("MlpPolicy", ENV, **settings)
+
+
+@pytest.mark.parametrize(("slope", "value"), [(0.0, [-5.0, 0.0]), (0.1, [-5.0, 0.1])])
+def test_the_value_is_the_reward_where_the_context_explains_all(
+    slope: float, value: list[float]
+) -> None:
+    features = np.column_stack([np.ones(6), np.linspace(-1.0, 1.0, 6)])
+    found = solve(slope * features[:, 1] - 5.0, features, 1.0).value
+    assert_allclose(found, value, atol=1e-9)

@@ -193,3 +193,22 @@ def test_final_rollouts_are_drawn_in_the_plane_where_the_task_tells_a_scene() ->
     assert len(axes.patches) == 2 and axes.get_xlim() == (0.0, 2.0)
     texts = [text.get_text() for text in drawn["curves_any-v0.png"].axes[2].texts]
     assert texts == ["shortest path (-0.4999)"]
+
+
+def test_a_verdict_goes_by_pairs_within_a_variant() -> None:
+    """One that loses in seven of ten variants by a little, and wins three by far, is worse."""
+    rng = np.random.default_rng(1)
+    levels = [(k, k - 0.1) for k in range(1, 8)] + [(0, 8)] * 3
+    rows = [
+        {
+            "task": "T", "variant": f"v{v}", "seed": seed, "label": label, "outcome": "finished",
+            "greedy_reward": value + 1e-3 * rng.random(), "greedy_rollouts": 10.0,
+        }
+        for v, (theirs, ours) in enumerate(levels)
+        for seed in range(5)
+        for label, value in (("theirs", theirs), ("ours", ours))
+    ]  # fmt: skip
+    row = compare(pd.DataFrame(rows), "ours").iloc[0]
+    assert row["reward_p"] == pytest.approx(0.3)
+    assert row["reward_verdict"] == "worse"
+    assert compare(pd.DataFrame(rows), "theirs").iloc[0]["reward_verdict"] == "better"
