@@ -5,7 +5,16 @@ import numpy as np
 import pytest
 
 from results.exceptions import BenchmarkError
-from results.transfer.package_arms import UNIT, fetch, package_file, pusher, tasks_of, way_of
+from results.transfer.package_arms import (
+    UNIT,
+    PackageRun,
+    fetch,
+    package_file,
+    pusher,
+    refined,
+    tasks_of,
+    way_of,
+)
 from results.transfer.runs import Remembering, TransferRun, first_trajectory, nearest_skill
 from results.transfer.skills import BUTTON, PROXIES, SOURCE, TARGET, button, proxy_contexts, shown
 
@@ -79,3 +88,15 @@ def test_the_pusher_does_every_skill_and_fetch_moves_eight_joints() -> None:
 def test_a_package_that_is_not_installed_is_named() -> None:
     with pytest.raises(BenchmarkError, match="no_such_arms is not installed; install it with"):
         package_file("no_such_arms", "arm.xml")
+
+
+def test_a_refinement_tells_after_how_many_rollouts_each_test_is_solved() -> None:
+    pytest.importorskip("mink", reason="the extra 'robots' is not installed")
+    task = tasks_of(pusher(), np.array([1.0, 0.0, 0.0]))["reach"]
+    places = [np.array([0.2, 0.1]), np.array([-0.4, 0.3])]
+    right = np.stack([task.demonstrate(place) for place in places])
+    answers = np.stack([right[0], right[0]])  # the second is shown the first one's way
+    assert task.simulate(np.stack(places), answers).successes.tolist() == [True, False]
+    found = refined(PackageRun(0, budget=4), task, places, answers)
+    assert found == [1, None]
+    assert refined(PackageRun(0, budget=4), task, places[1:], right[1:]) == [1]

@@ -2,7 +2,8 @@
 
 Both are read from their MJCF files by `benchmark_envs.robots`: seven hinges lead a finger tip of
 the pusher, and a slide and seven hinges the gripper of Fetch. Their proxy skills are places in
-front of the arm, in units of 0.15 m around where its tip begins.
+front of the arm, in units of 0.15 m around where its tip begins. What the pusher is told, ACNMP
+refines.
 """
 
 import importlib.util
@@ -13,10 +14,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmark_envs import TrajectoryEnv
 from benchmark_envs.robots import Arm, ArmTask, ViaPose
 from results.exceptions import BenchmarkError
-from results.transfer.runs import ARCHITECTURE, nearest_skill
-from sb3_nmp import Demonstrations, SkillTransfer, TransferTraining
+from results.transfer.runs import (
+    ARCHITECTURE,
+    PRETRAINING,
+    Remembering,
+    UntilSolved,
+    first_success,
+    nearest_skill,
+)
+from sb3_nmp import ACNMP, Demonstrations, SkillTransfer, TransferTraining
 
 FloatArray = NDArray[np.float64]
 
@@ -26,7 +35,7 @@ KINDS = ("reach", "lower", "sweep")
 TESTS = ("lower", "press")
 GRID = np.array([[aside, ahead] for aside in (-0.7, 0.0, 0.7) for ahead in (-0.7, 0.0, 0.7)])
 JITTER, N_TESTS = 0.2, 4
-TRAINING = TransferTraining(n_steps=800)
+TRAINING = TransferTraining(n_steps=3000)
 FETCH_JOINTS = (
     "torso_lift", "shoulder_pan", "shoulder_lift", "upperarm_roll", "elbow_flex", "forearm_roll",
     "wrist_flex", "wrist_roll",
@@ -108,12 +117,16 @@ def tasks_of(arm: Arm, forward: FloatArray) -> dict[str, ArmTask]:
 class PackageRun:
     """One seed.
 
-    :param seed: of places, networks and batches
+    :param seed: of places, networks, batches and searches
     :param training: of the two networks
+    :param budget: rollouts of a refinement
+    :param population_size: rollouts of an update
     """
 
     seed: int
     training: TransferTraining = TRAINING
+    budget: int = 60
+    population_size: int = 2
 
 
 def shown(tasks: dict[str, ArmTask], skills: list[tuple[str, FloatArray]]) -> Demonstrations:
@@ -150,9 +163,37 @@ def measure(run: PackageRun, arms: dict[str, dict[str, ArmTask]]) -> dict[str, A
             "translated": model.translate(told).trajectories,
             "nearest": target.trajectories[near],
         }
+        task, places = arms["target"][kind], [place for _, place in tests]
         found[kind] = {
-            name: compared(arms["target"][kind], truth, answer) for name, answer in answers.items()
+            name: compared(task, truth, answer) | {"refined": refined(run, task, places, answer)}
+            for name, answer in answers.items()
         }
+    return found
+
+
+def refined(
+    run: PackageRun, task: ArmTask, places: list[FloatArray], answers: FloatArray
+) -> list[int | None]:
+    """Return after how many rollouts ACNMP solves each test that begins with an answer, or None.
+
+    :param run: its seed and budget
+    :param task: of the target arm
+    :param places: of the tests
+    :param answers: shape (N, T, D) in rad, each the only demonstration of its test
+    """
+    low, high = task.trajectory_space.low, task.trajectory_space.high
+    found = []
+    for place, answer in zip(places, np.clip(answers, low, high), strict=True):
+        env = Remembering(TrajectoryEnv(task, context=place))
+        ACNMP(
+            "MlpPolicy",
+            env,
+            demonstrations=Demonstrations(place[None], answer[None]),
+            population_size=run.population_size,
+            pretraining=PRETRAINING,
+            seed=run.seed,
+        ).learn(run.budget, UntilSolved(env))
+        found.append(first_success(env))
     return found
 
 

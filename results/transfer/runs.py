@@ -47,7 +47,7 @@ class TransferRun:
 
 
 class Remembering(gym.Wrapper):
-    """Remembers of each rollout its reward, and whether it touched the cube and succeeded."""
+    """Remembers of each rollout its reward, and whether it touched a cube and succeeded."""
 
     def __init__(self, env: gym.Env) -> None:
         super().__init__(env)
@@ -60,7 +60,7 @@ class Remembering(gym.Wrapper):
         """
         result = self.env.step(action)
         info = result[4]
-        entry = float(result[1]), bool(info["touched"]), bool(info["is_success"])
+        entry = float(result[1]), bool(info.get("touched", False)), bool(info["is_success"])
         self.rollouts.append(entry)
         return result
 
@@ -140,7 +140,7 @@ def measure(run: TransferRun) -> dict[str, Any]:
         pretraining=PRETRAINING,
         seed=run.seed,
     ).learn(run.budget, UntilSolved(env))
-    rewards, touched, solved = (list(column) for column in zip(*env.rollouts, strict=True))
+    rewards, touched, _ = (list(column) for column in zip(*env.rollouts, strict=True))
     return more | {
         "zero_shot": {
             "error": -float(tried.rewards[0]),
@@ -149,10 +149,18 @@ def measure(run: TransferRun) -> dict[str, Any]:
         },
         "errors": [-round(reward, 5) for reward in rewards],
         "first_touch": _first(touched),
-        "first_solved": _first(solved),
+        "first_solved": first_success(env),
         "rollouts": model.num_timesteps,
         "seconds": round(time.perf_counter() - start, 1),
     }
+
+
+def first_success(env: Remembering) -> int | None:
+    """Return the number of the first rollout that solved the task, from 1 on; None: none did.
+
+    :param env: that remembers its rollouts
+    """
+    return _first([solved for *_, solved in env.rollouts])
 
 
 def _first(flags: list[bool]) -> int | None:
