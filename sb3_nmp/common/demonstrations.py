@@ -46,6 +46,8 @@ class Demonstrations:
     """N expert trajectories, each with the context that it solves; the arrays are read-only.
 
     >>> shown = Demonstrations([[0.0], [1.0]], [[[0.0], [0.5]], [[1.0], [1.5]]])
+    >>> shown
+    Demonstrations(2: contexts (2, 1), trajectories (2, 2, 1))
     >>> len(shown), shown.context_dim, shown.trajectory_shape
     (2, 1, (2, 1))
 
@@ -80,6 +82,11 @@ class Demonstrations:
     def __len__(self) -> int:
         """Return the number of demonstrations, N."""
         return len(self.trajectories)
+
+    def __repr__(self) -> str:
+        """Return how many there are, and their shapes."""
+        shapes = f"contexts {self.contexts.shape}, trajectories {self.trajectories.shape}"
+        return f"Demonstrations({len(self)}: {shapes})"
 
     def __getitem__(self, rows: slice | Sequence[int] | NDArray[Any]) -> "Demonstrations":
         """Return some of the demonstrations.
