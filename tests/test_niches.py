@@ -34,7 +34,7 @@ def test_the_first_way_is_that_of_the_best_success() -> None:
     niches.take(buffer, INITIAL, 0, 1)
     assert (niches.best, niches.born) == ([2], [0])
     assert niches.labels(buffer, INITIAL).tolist() == [-1, 0, 0]
-    assert niches.to_test(buffer, INITIAL) is None, "no success lies elsewhere"
+    assert niches.to_test(buffer, INITIAL, 1) is None, "no success lies elsewhere"
 
 
 @pytest.mark.parametrize("valley", [True, False])
@@ -42,7 +42,7 @@ def test_a_valley_midway_tells_two_ways_apart(valley: bool) -> None:
     niches = Niches(2)
     buffer = rollouts((1.0, -1.0, True), (-0.6, -1.5, True))
     niches.take(buffer, INITIAL, 0, 1)
-    midway = niches.to_test(buffer, INITIAL)
+    midway = niches.to_test(buffer, INITIAL, 1)
     assert midway is not None
     np.testing.assert_allclose(midway, 0.2, atol=1e-6)
     buffer.add(
@@ -55,7 +55,38 @@ def test_a_valley_midway_tells_two_ways_apart(valley: bool) -> None:
     else:
         assert niches.best == [2], "what lies midway is of the way, and better"
         assert set(niches.labels(buffer, INITIAL)) == {0}
-        assert niches.to_test(buffer, INITIAL) is None, "no success is tested twice"
+        assert niches.to_test(buffer, INITIAL, 2) is None, "no success is tested twice"
+
+
+def test_ways_are_tested_again_and_become_one_where_the_valley_is_gone() -> None:
+    niches = Niches(3)
+    heights = [(0.3, -1.0, True), (-1.0, -1.5, True), (1.0, -0.7, True)]
+    buffer = rollouts(*heights)
+    niches.best, niches.born = [0, 1, 2], [0, 2, 4]
+    due = [niches.to_test(buffer, INITIAL, generation) for generation in range(4, 14)]
+    # the third way beside the first is due 1, 2, 4 and 8 generations after it was found; the second
+    # beside the third after 4 and 8 (4 is later than the third's first, which goes first)
+    heights_due = [None if each is None else round(float(each[0, 0]), 3) for each in due]
+    assert heights_due == [-0.35, 0.65, 0.65, None, 0.65, None, -0.35, None, 0.65, None]
+    midway = niches.to_test(buffer, INITIAL, 5)
+    assert midway is not None and niches.doubtful == (0, 2)
+    buffer.add(np.zeros((1, 1)), midway[None], np.array([-0.9]), np.array([True]))
+    niches.take(buffer, INITIAL, 3, 6)
+    assert (niches.best, niches.born) == ([2, 1], [0, 2]), "the better best, the older birth"
+    assert niches.doubtful is None
+    assert niches.labels(buffer, INITIAL).tolist() == [0, 1, 0, 0]
+    assert niches.views(buffer, INITIAL, 20, 6)[-1].fresh == 0.5, "one is missing again"
+
+
+def test_ways_stay_apart_while_the_valley_is_there() -> None:
+    niches = Niches(2)
+    buffer = rollouts((1.0, -1.0, True), (-1.0, -1.5, True))
+    niches.best, niches.born = [0, 1], [0, 2]
+    midway = niches.to_test(buffer, INITIAL, 3)
+    assert midway is not None and not midway.any()
+    buffer.add(np.zeros((1, 1)), midway[None], np.array([-9.0]), np.array([False]))
+    niches.take(buffer, INITIAL, 2, 4)
+    assert (niches.best, niches.born, niches.doubtful) == ([0, 1], [0, 2], None)
 
 
 def test_members_are_shared_out_and_each_sees_its_own_way() -> None:

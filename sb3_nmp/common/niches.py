@@ -2,8 +2,10 @@
 
 Two solutions are one way if the trajectory midway between them succeeds too; where it fails, a
 valley lies between them (the hill-valley test of Ursem, "Multinational evolutionary algorithms",
-1999). The test costs one rollout, and is made only for a success that is nearer to the initial
-trajectory than to what is known. Shape letters: N rollouts, T x D trajectory.
+1999). The test costs one rollout. It is made for a success that is nearer to the initial trajectory
+than to what is known, and again 1, 2, 4, ... generations after a way was found: rough paths that go
+the same way can have a valley between them, which is gone once they are better. Shape letters:
+N rollouts, K ways, T x D trajectory.
 """
 
 from dataclasses import dataclass, field
@@ -48,6 +50,7 @@ class Niches:
     :param born: the generation in which each was found
     :param same: rows that turned out to be of a known way
     :param pending: row of the success whose test is under way, None if there is none
+    :param doubtful: the numbers of two ways whose test is under way, None if there are none
     """
 
     n_modes: int
@@ -55,6 +58,7 @@ class Niches:
     born: list[int] = field(default_factory=list)
     same: list[int] = field(default_factory=list)
     pending: int | None = None
+    doubtful: tuple[int, int] | None = None
 
     def take(
         self, buffer: TrajectoryBuffer, initial: FloatArray, first: int, generation: int
@@ -77,6 +81,11 @@ class Niches:
             else:
                 self._found(self.pending, generation)
             self.pending = None
+        elif self.doubtful is not None:
+            if buffer.successes[first]:
+                self._merge(*self.doubtful, buffer)
+                self.same.append(first)
+            self.doubtful = None
         elif not self.best and buffer.successes.any():
             merit = np.where(buffer.successes, buffer.rewards, -np.inf)
             self._found(int(merit.argmax()), 0)
@@ -89,6 +98,13 @@ class Niches:
     def _found(self, row: int, generation: int) -> None:
         self.best.append(row)
         self.born.append(generation)
+
+    def _merge(self, one: int, other: int, buffer: TrajectoryBuffer) -> None:
+        """Make two ways the first of them, with the better best."""
+        rows = [self.best[one], self.best[other]]
+        self.best[one] = rows[int(buffer.rewards[rows].argmax())]
+        self.same += rows
+        del self.best[other], self.born[other]
 
     def labels(self, buffer: TrajectoryBuffer, initial: FloatArray) -> NDArray[np.intp]:
         """Return the way of each rollout, -1 for those of none that is known, shape (N,).
@@ -145,13 +161,21 @@ class Niches:
             views.append(_view(buffer, labels == -1, n_new, 0, fresh=0.5))
         return [view for view in views if view.n]
 
-    def to_test(self, buffer: TrajectoryBuffer, initial: FloatArray) -> FloatArray | None:
-        """Return the trajectory midway between a new success and what is known, shape (T, D).
+    def to_test(
+        self, buffer: TrajectoryBuffer, initial: FloatArray, generation: int
+    ) -> FloatArray | None:
+        """Return the trajectory midway between two that may go the same way, shape (T, D).
+
+        They are the bests of two ways, or a new success and what is known.
 
         :param buffer: all rollouts so far
         :param initial: shape (T, D)
+        :param generation: the number of generations so far
         :return: None where there is nothing to test
         """
+        self.doubtful = self._due(buffer, generation)
+        if self.doubtful is not None:
+            return 0.5 * buffer.trajectories[[self.best[way] for way in self.doubtful]].sum(axis=0)
         if not self.best or len(self.best) == self.n_modes:
             return None
         rows = np.flatnonzero(buffer.successes & (self.labels(buffer, initial) == -1))
@@ -161,6 +185,22 @@ class Niches:
         stored = buffer.trajectories.astype(np.float64)
         nearest = _distances(buffer.trajectories, stored[self.pending])[self.best].argmin()
         return 0.5 * (stored[self.pending] + stored[self.best[int(nearest)]])
+
+    def _due(self, buffer: TrajectoryBuffer, generation: int) -> tuple[int, int] | None:
+        """Return the youngest way that is to be tested again, and the one nearest to it, in order.
+
+        :param buffer: all rollouts so far
+        :param generation: the number of generations so far
+        """
+        for way in reversed(range(1, len(self.best))):
+            age = generation - self.born[way]
+            if age > 0 and age & (age - 1) == 0:  # a power of two
+                others = [row for row in self.best if row != self.best[way]]
+                here = buffer.trajectories[self.best[way]]
+                nearest = others[_distances(buffer.trajectories[others], here).argmin()]
+                one, other = sorted((self.best.index(nearest), way))
+                return one, other
+        return None
 
 
 def _view(

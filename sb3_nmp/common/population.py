@@ -206,7 +206,8 @@ class PopulationSearch(SkillSearch):
         """Return explorers, and of mutated offspring those that promise most, shape (N, T, D)."""
         n, explorers = self.population_size, self.n_explorers
         line = self.initial.mean(axis=0)
-        test = self._niches.to_test(self.replay_buffer, line)
+        generation = self._n_updates - self._n_before
+        test = self._niches.to_test(self.replay_buffer, line, generation)
         tested = [] if test is None else [test[None]]
         made = []
         for view in self._views(n - explorers - len(tested)):
