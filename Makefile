@@ -77,8 +77,10 @@ $(OLDEST)/installed: pyproject.toml constraints-oldest.txt
 	@touch $@
 
 # Warnings are no errors here: old packages are used by newer ones in ways that are deprecated now.
+# pyribs, which CMA-ME's example runs with, needs NumPy 2.
 test-oldest: $(OLDEST)/installed ## tests and doctests with the oldest dependencies, in .venv-oldest
-	$(OLDEST)/bin/pytest -n auto --maxprocesses $(WORKERS) -o filterwarnings=default
+	$(OLDEST)/bin/pytest -n auto --maxprocesses $(WORKERS) -o filterwarnings=default \
+	    --ignore=baselines/quality_diversity
 
 $(DOCS_STAMP): $(STAMP)
 	@echo "Installing what builds the documentation in .venv."

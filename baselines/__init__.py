@@ -19,6 +19,7 @@ from baselines.promp_rl import (
 from baselines.quality_diversity import CMAME
 from baselines.random_search import RandomSearch
 from baselines.reps import REPS, GaussianPrimitivePolicy
+from baselines.transfer import MomentRegression
 
 __all__ = [
     "BO",
@@ -37,6 +38,7 @@ __all__ = [
     "GaussianPrimitivePolicy",
     "GaussianProcessPolicy",
     "LogEI",
+    "MomentRegression",
     "PDFiltered",
     "Primitive",
     "ProMP",

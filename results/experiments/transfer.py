@@ -11,7 +11,7 @@ import torch as th
 
 from results.transfer.runs import TransferRun, measure
 
-WAYS = ("translated", "nearest", "scratch")
+WAYS = ("translated", "moments", "regression", "nearest", "scratch")
 
 
 def runs(n_seeds: int) -> list[TransferRun]:

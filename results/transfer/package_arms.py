@@ -7,13 +7,15 @@ refines.
 """
 
 import importlib.util
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from baselines import MomentRegression
+from baselines.transfer.moment_regression import Function
 from benchmark_envs import TrajectoryEnv
 from benchmark_envs.robots import Arm, ArmTask, ViaPose
 from results.exceptions import BenchmarkError
@@ -22,6 +24,7 @@ from results.transfer.runs import (
     PRETRAINING,
     Remembering,
     UntilSolved,
+    by_moments,
     first_success,
     nearest_skill,
 )
@@ -154,13 +157,17 @@ def measure(run: PackageRun, arms: dict[str, dict[str, ArmTask]]) -> dict[str, A
     model = SkillTransfer(
         source, target, architecture=ARCHITECTURE, training=run.training, seed=run.seed
     ).fit()
-    found: dict[str, Any] = {}
+    moments = by_moments(source, target, run.seed)
+    regression = MomentRegression(source, target).fit()
+    found: dict[str, Any] = {"regression": asdict(cast(Function, regression.function))}
     for kind in TESTS:
         tests = [(kind, rng.uniform(-0.7, 0.7, 2)) for _ in range(N_TESTS)]
         told, truth = (shown(arms[robot], tests) for robot in ("source", "target"))
         near = [nearest_skill(each, source.trajectories) for each in told.trajectories]
         answers = {
             "translated": model.translate(told).trajectories,
+            "moments": moments.translate(told).trajectories,
+            "regression": regression.translate(told).trajectories,
             "nearest": target.trajectories[near],
         }
         task, places = arms["target"][kind], [place for _, place in tests]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3.common.callbacks import BaseCallback
 
+from baselines import MomentRegression
 from results.exceptions import BenchmarkError
 from results.transfer.skills import BUTTON, SOURCE, TARGET, button, proxy_contexts, shown
 from sb3_nmp import (
@@ -21,11 +22,14 @@ from sb3_nmp import (
 )
 
 FloatArray = NDArray[np.float64]
-#: how the 4-DoF arm comes to its first trajectory: by Eq. 5.4, by the twin, or not at all
-Way = Literal["translated", "nearest", "scratch"]
+#: how the 4-DoF arm comes to its first trajectory: by Eq. 5.4, of skills or of moments, by one of
+#: the twins, or not at all
+Way = Literal["translated", "moments", "regression", "nearest", "scratch"]
 
 ARCHITECTURE = replace(CNMPArchitecture.preset("latent"), encoder_arch=(64,), decoder_arch=(64,))
 TRAINING = TransferTraining(n_steps=1500)
+MOMENTS = replace(CNMPArchitecture.preset("moment"), encoder_arch=(64,), decoder_arch=(64,))
+MOMENT_TRAINING = TransferTraining.preset("moment")
 WINDOW = 100  # time points by which the warping may shift
 PRETRAINING = CNMPPretraining(n_steps=300)  # on a single trajectory
 
@@ -96,10 +100,31 @@ def first_trajectory(way: Way, seed: int) -> tuple[FloatArray, dict[str, Any]]:
             source, target, architecture=ARCHITECTURE, training=TRAINING, seed=seed
         ).fit()
         answer = model.translate(demonstrated)
+    elif way == "moments":
+        answer = by_moments(source, target, seed).translate(demonstrated)
+    elif way == "regression":
+        answer = MomentRegression(source, target).fit().translate(demonstrated)
     else:
         answer = target.trajectories[nearest_skill(demonstrated, source.trajectories)]
     more["rmse"] = np.sqrt(np.mean((answer - expert) ** 2, axis=0)).tolist()
     return answer, more | {"answer": answer.round(4).tolist(), "expert": expert.round(4).tolist()}
+
+
+def by_moments(source: Demonstrations, target: Demonstrations, seed: int) -> SkillTransfer:
+    """Return a trained transfer whose latent space is of moments.
+
+    :param source: proxy skills of the robot that shows
+    :param target: those of the robot that is told
+    :param seed: of first weights and batches
+    """
+    return SkillTransfer(
+        source,
+        target,
+        architecture=MOMENTS,
+        training=MOMENT_TRAINING,
+        seed=seed,
+        shared="moment",
+    ).fit()
 
 
 def nearest_skill(demonstrated: FloatArray, proxies: FloatArray) -> int:

@@ -20,7 +20,8 @@ class CNMPArchitecture(Presets):
     (``results/experiments/acnmp.md``). What is met badly goes on to count (``beta_nll``).
     ``CNMPArchitecture.preset("latent")`` has none of that, nor the context in the decoder: all that
     tells trajectories apart is in the representation, as where two robots share one, or a latent
-    space is looked at.
+    space is looked at. ``CNMPArchitecture.preset("moment")`` is the same with smooth layers, for
+    representations of moments (`SkillTransfer`).
 
     >>> from sb3_nmp import CNMPArchitecture
     >>> CNMPArchitecture.preset("latent").context_in_decoder
@@ -74,7 +75,8 @@ class CNMPArchitecture(Presets):
             "fitted_trend": False,
             "activation_fn": nn.ReLU,
             "beta_nll": 0.0,
-        }
+        },
+        "moment": {"context_in_decoder": False, "fitted_trend": False, "beta_nll": 0.0},
     }
 
     @property

@@ -1,14 +1,19 @@
 """How the two networks of a skill transfer are trained."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
-from sb3_nmp.common.settings import Rules, check_rules, settings_name
+from sb3_nmp.common.settings import Presets, Rules, check_rules, settings_name
 
 
 @settings_name("transfer-training")
 @dataclass(frozen=True)
-class TransferTraining:
+class TransferTraining(Presets):
     """How two CNMPs with a shared latent space are trained on proxy skills (Eq. 5.4).
+
+    The preset ``"moment"`` is for a latent space of moments: these are met far more exactly, and
+    their likelihood weighs more beside the distance.
 
     >>> TransferTraining(n_steps=500).latent_weight
     100.0
@@ -32,6 +37,8 @@ class TransferTraining:
     latent_weight: float = 100.0
     learning_rate: float = 3e-3
     weight_decay: float = 0.0
+
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"moment": {"latent_weight": 1e4}}
 
     def __post_init__(self) -> None:
         """Check the values."""

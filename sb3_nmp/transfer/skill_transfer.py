@@ -14,9 +14,11 @@ from sb3_nmp.common.finite_arrays import numbers
 from sb3_nmp.models.cnmp import CNMP, CNMPArchitecture
 from sb3_nmp.transfer.proxy_skills import ProxySkills
 from sb3_nmp.transfer.settings import TransferTraining
-from sb3_nmp.transfer.training import PairSampler, train_pair
+from sb3_nmp.transfer.training import MomentSampler, PairSampler, train_pair
 
 Robot = Literal["source", "target"]
+#: what a point of the latent space stands for
+Shared = Literal["skill", "moment"]
 
 FILE_KIND = "skill transfer"
 
@@ -31,6 +33,13 @@ class SkillTransfer:
     taken. As in the thesis, task parameters take no part: a context only says which skill a row
     is. From the translation, the target robot's ACNMP learns the skill: it is a set of
     demonstrations for its own environment.
+
+    By default a point of the latent space is a whole skill, as in the thesis: the mean over the
+    conditioning points. With ``shared="moment"`` it is a moment of one: each point of a trajectory
+    is encoded, and decoded at the same time, by itself. Where both robots move in step, as where
+    one path is followed by both, this is far more exact, and translates skills unlike the proxies,
+    whose moments they share. Where each robot moves at a pace of its own, moments of the same time
+    do not belong together.
 
     Where this departs from the thesis: each network is an ensemble of five by default, trained on
     batches; the decoders have a linear trend and see time as waves (`CNMPArchitecture`); the
@@ -48,10 +57,12 @@ class SkillTransfer:
 
     :param source: proxy skills shown by one robot; its trajectories have shape (T, D)
     :param target: the same skills shown by the other, in the same order
-    :param architecture: of both networks
-    :param training: how they are trained
+    :param architecture: of both networks; None: the preset ``"latent"``, or ``"moment"``
+    :param training: how they are trained; None: by the defaults, or the preset ``"moment"``
     :param seed: of first weights and batches; None draws one
-    :raises ConfigurationError: ``source`` or ``target`` is no `Demonstrations`
+    :param shared: what a point of the latent space stands for: ``"skill"`` or ``"moment"``
+    :raises ConfigurationError: ``source`` or ``target`` is no `Demonstrations`, or ``shared`` is
+        neither
     :raises InvalidDataError: the robots show different skills, or in another order, or a skill of
         one robot only
     """
@@ -61,12 +72,19 @@ class SkillTransfer:
         source: Demonstrations,
         target: Demonstrations,
         *,
-        architecture: CNMPArchitecture = CNMPArchitecture.preset("latent"),  # noqa: B008 (frozen)
-        training: TransferTraining = TransferTraining(),  # noqa: B008 (frozen)
+        architecture: CNMPArchitecture | None = None,
+        training: TransferTraining | None = None,
         seed: int | None = None,
+        shared: Shared = "skill",
     ) -> None:
+        if shared not in get_args(Shared):
+            raise ConfigurationError(f"shared is {shared!r}; it must be 'skill' or 'moment'.")
+        self.shared: Shared = shared
         self.skills: ProxySkills | None = ProxySkills(source, target)
-        self.architecture, self.training, self.seed = architecture, training, seed
+        of_moments = shared == "moment"
+        usual = TransferTraining.preset("moment") if of_moments else TransferTraining()
+        architecture = architecture or CNMPArchitecture.preset("moment" if of_moments else "latent")
+        self.architecture, self.training, self.seed = architecture, training or usual, seed
         self.rng = np.random.default_rng(seed)
         first_weights = int(self.rng.integers(2**31))
         self._networks = _networks(
@@ -104,7 +122,8 @@ class SkillTransfer:
             values = cnmp.normalise(cnmp.times.new_tensor(shown.trajectories))
             robots.append((cnmp.train(), values))
         self.is_fitted = True  # as far as it is, for whoever watches
-        sampler = PairSampler(self.training, robots, self.rng)
+        kind = MomentSampler if self.shared == "moment" else PairSampler
+        sampler = kind(self.training, robots, self.rng)
         train_pair(self._networks, sampler, self.training, watch)
         for cnmp in self._networks:
             cnmp.train(False)
@@ -115,16 +134,20 @@ class SkillTransfer:
     def encode(
         self, trajectories: ArrayLike, times: ArrayLike | None = None, robot: Robot = "source"
     ) -> NDArray[np.float64]:
-        """Return where trajectories lie in the shared latent space, shape (N, E * Z).
+        """Return where trajectories lie in the shared latent space.
 
         :param trajectories: shape (N, O, D) or (O, D), in the robot's unit: O conditioning points
         :param times: of these points in [0, 1], shape (O,); equally spaced by default
         :param robot: whose trajectories they are
+        :return: shape (N, E * Z); of moments, one for each point: (N, O, E * Z)
         :raises ConfigurationError: `fit` has not been called, or no such robot
         :raises InvalidDataError: a wrong shape, a value that is not finite, a time outside [0, 1]
         """
         cnmp = self._network(robot)
         values, at = _points(trajectories, times, cnmp, robot)
+        n, n_points = values.shape[:2]
+        if self.shared == "moment":  # each point is a set of its own
+            values, at = values.reshape(n * n_points, 1, -1), np.tile(at, n)[:, None]
         shape = values.shape[:2]
         with th.no_grad():
             code = cnmp.network.encode(
@@ -133,19 +156,25 @@ class SkillTransfer:
                 cnmp.times.new_zeros((len(values), 1)),
                 cnmp.times.new_ones(shape),
             )
-        return code.numpy().astype(np.float64)
+        found = code.numpy().astype(np.float64)
+        return found.reshape(n, n_points, -1) if self.shared == "moment" else found
 
     def decode(self, latents: ArrayLike, robot: Robot = "target") -> NDArray[np.float64]:
         """Return a robot's trajectories for points of the latent space, shape (N, T, D).
 
-        :param latents: shape (N, E * Z), as `encode` returns them
+        :param latents: shape (N, E * Z), as `encode` returns them; of moments, one for each of the
+            robot's time points: (N, T, E * Z)
         :param robot: whose trajectories are wanted
         :raises ConfigurationError: `fit` has not been called, or no such robot
+        :raises InvalidDataError: moments that are not as many as the robot's time points
         """
         cnmp = self._network(robot)
+        code = cnmp.times.new_tensor(np.asarray(latents))
         with th.no_grad():
-            code = cnmp.times.new_tensor(np.asarray(latents))
-            decoded = cnmp.mean(code.new_zeros((len(code), 1)), code)
+            if self.shared == "skill":
+                decoded = cnmp.mean(code.new_zeros((len(code), 1)), code)
+            else:
+                decoded = _decoded_moments(code, cnmp, robot)
         return decoded.numpy().astype(np.float64)
 
     @overload
@@ -165,7 +194,8 @@ class SkillTransfer:
     ) -> Demonstrations | NDArray[np.float64]:
         """Return what one robot showed as trajectories of the other.
 
-        :param shown: shape (N, O, D) or (O, D); or `Demonstrations`, whose contexts are kept
+        :param shown: shape (N, O, D) or (O, D); or `Demonstrations`, whose contexts are kept. Of
+            moments, what lies between the points is interpolated
         :param times: of the O points in [0, 1], shape (O,); equally spaced by default
         :param to: the robot that is to move; the other one has shown
         :return: shape (N, T, D), or (T, D) for one; or `Demonstrations` for these
@@ -175,10 +205,14 @@ class SkillTransfer:
         if to not in get_args(Robot):
             raise ConfigurationError(f"to is {to!r}; it must be 'source' or 'target'.")
         by: Robot = "source" if to == "target" else "target"
+        given = shown.trajectories if isinstance(shown, Demonstrations) else shown
+        values, at = _points(given, times, self._network(by), by)
+        if self.shared == "moment":
+            asked = self._network(to).times.numpy().astype(np.float64)
+            values, at = _interpolated(values, at, asked), asked
+        found = self.decode(self.encode(values, at, by), to)
         if isinstance(shown, Demonstrations):
-            found = self.decode(self.encode(shown.trajectories, times, by), to)
             return Demonstrations(shown.contexts, found)
-        found = self.decode(self.encode(shown, times, by), to)
         return found[0] if np.ndim(shown) == 2 else found
 
     def _network(self, robot: Robot) -> CNMP:
@@ -202,6 +236,7 @@ class SkillTransfer:
         settings = {
             "architecture": self.architecture,
             "training": self.training,
+            "shared": self.shared,
             "shapes": [(len(n.times), len(n.value_mean)) for n in self._networks],
         }
         weights = {
@@ -222,6 +257,7 @@ class SkillTransfer:
         made = cls.__new__(cls)
         made.skills, made.seed, made.rng = None, None, np.random.default_rng()
         made.architecture, made.training = settings["architecture"], settings["training"]
+        made.shared = settings.get("shared", "skill")  # older files have none
         made._networks = _networks(settings["shapes"], made.architecture, 0)
         for robot, cnmp in zip(get_args(Robot), made._networks, strict=True):
             cnmp.load_state_dict(saved["weights"][robot])
@@ -236,6 +272,30 @@ def _networks(shapes: Any, architecture: CNMPArchitecture, seed: int) -> tuple[C
         th.manual_seed(seed)
         source, target = (CNMP(1, tuple(shape), architecture) for shape in shapes)
     return source, target
+
+
+def _decoded_moments(code: th.Tensor, cnmp: CNMP, robot: Robot) -> th.Tensor:
+    """Return what moments decode to, each at its own time, shape (N, T, D)."""
+    n_points = len(cnmp.times)
+    if code.ndim != 3 or code.shape[1] != n_points:
+        raise InvalidDataError(
+            f"latents have shape {tuple(code.shape)}; of moments there must be one for each of the "
+            f"{robot} robot's {n_points} time points: (N, {n_points}, E * Z)."
+        )
+    flat = code.flatten(0, 1)
+    times = cnmp.times.repeat(len(code))[:, None]
+    found = cnmp.network.decode(times, flat, flat.new_zeros((len(flat), 1))).mean
+    return (found * cnmp.value_std + cnmp.value_mean).view(len(code), n_points, -1)
+
+
+def _interpolated(
+    values: NDArray[np.float64], times: NDArray[np.float64], asked: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return points (N, O, D) at other times, linearly interpolated, shape (N, T, D)."""
+    order = np.argsort(times, kind="stable")
+    return np.stack(
+        [[np.interp(asked, times[order], joint[order]) for joint in each.T] for each in values]
+    ).transpose(0, 2, 1)
 
 
 def _points(

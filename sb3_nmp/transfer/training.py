@@ -10,6 +10,7 @@ import numpy as np
 import torch as th
 from stable_baselines3.common.utils import update_learning_rate
 
+from sb3_nmp.common.resampling import resample
 from sb3_nmp.models.cnmp import CNMP
 from sb3_nmp.models.cnmp_training import CHUNK, PointBatch, cosine, encode_shown, target_likelihood
 from sb3_nmp.transfer.settings import TransferTraining
@@ -69,6 +70,53 @@ class PairSampler:
         ]
 
 
+class MomentSampler:
+    """Draws moments of proxy skills: a point of each robot's trajectory, at the same time.
+
+    A point is shown to its robot's encoder and predicted by its decoder, so that a representation
+    is of one moment. Trajectories of different numbers of time points are interpolated linearly.
+
+    :param settings: a batch has ``batch_size * n_target_points`` moments
+    :param robots: each robot's network, with its normalised trajectories of shape (N, T, D)
+    :param rng: the generator to draw from
+    """
+
+    def __init__(
+        self,
+        settings: TransferTraining,
+        robots: Sequence[tuple[CNMP, th.Tensor]],
+        rng: np.random.Generator,
+    ) -> None:
+        self.size, self.rng = settings.batch_size * settings.n_target_points, rng
+        n_members = robots[0][0].network.n_members
+        self.members = () if n_members == 1 else (n_members,)
+        n_moments = max(values.shape[1] for _, values in robots)
+        self.values = [
+            values.new_tensor(resample(list(values.cpu().numpy()), n_moments))
+            for _, values in robots
+        ]
+        self.times = th.linspace(0.0, 1.0, n_moments)
+
+    def draw(self, n_batches: int) -> list[Pair]:
+        """Draw some batches.
+
+        :param n_batches: how many
+        """
+        shape = (n_batches, *self.members, self.size)
+        rows = th.as_tensor(self.rng.integers(len(self.values[0]), size=shape))
+        moments = th.as_tensor(self.rng.integers(len(self.times), size=shape))
+        seen = self.times.new_ones((*shape[1:], 1))
+        twice = self.times[moments][..., None].expand(*shape, 2)  # shown, and predicted
+        first, second = (
+            [
+                PointBatch(times, points[..., None, :].expand(*shape[1:], 2, -1), seen, 0 * seen)
+                for times, points in zip(twice, values[rows, moments], strict=True)
+            ]
+            for values in self.values
+        )
+        return list(zip(first, second, strict=True))
+
+
 def shared_latent_loss(networks: tuple[CNMP, CNMP], pair: Pair, latent_weight: float) -> th.Tensor:
     """Return Eq. 5.4: both robots' Eq. 4.1, and how far their representations lie apart.
 
@@ -89,7 +137,7 @@ def shared_latent_loss(networks: tuple[CNMP, CNMP], pair: Pair, latent_weight: f
 
 def train_pair(
     networks: tuple[CNMP, CNMP],
-    sampler: PairSampler,
+    sampler: PairSampler | MomentSampler,
     settings: TransferTraining,
     watch: Callable[[int], None] | None = None,
 ) -> None:
