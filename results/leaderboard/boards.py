@@ -123,7 +123,7 @@ BOARDS = {
     "bottles": Board(
         "between two bottles, from nothing",
         _equal("rivals", rivals.RECIPE, 200),
-        tuple(range(300, 330)),
+        tuple(range(300, 350)),
         n_checked=10,
     ),
     "push-beyond": Board(
