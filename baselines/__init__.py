@@ -1,4 +1,4 @@
-"""Methods from elsewhere that ours are compared with, with the interface of Stable-Baselines3."""
+"""Methods from elsewhere that ours are compared with, in Stable-Baselines3's interface, and twins."""
 
 from baselines.bayesian import BO, BOPolicy
 from baselines.bayesopt import LogEI, TuRBO
