@@ -17,6 +17,8 @@ from sb3_nmp import (
     SkillTransfer,
     TransferTraining,
 )
+from sb3_nmp.common import files
+from sb3_nmp.transfer.skill_transfer import FILE_KIND
 
 FloatArray = NDArray[np.float64]
 SMALL = dataclasses.replace(
@@ -122,6 +124,18 @@ def test_it_is_saved_and_loaded(transfer: SkillTransfer, tmp_path: Path) -> None
     loaded = SkillTransfer.load(tmp_path / "moments")
     assert (loaded.shared, loaded.training) == ("moment", QUICK)
     assert np.array_equal(loaded.translate(SHOWN), transfer.translate(SHOWN))
+
+
+def test_an_older_file_is_of_whole_skills(tmp_path: Path) -> None:
+    short = dataclasses.replace(QUICK, n_steps=3)
+    model = fitted(shared="skill", training=short)
+    model.save(tmp_path / "skills")
+    saved = files.read(tmp_path / "skills", FILE_KIND)
+    del saved["settings"]["shared"]
+    files.write(tmp_path / "older", FILE_KIND, saved)
+    older = SkillTransfer.load(tmp_path / "older")
+    assert older.shared == "skill"
+    assert np.array_equal(older.translate(SHOWN), model.translate(SHOWN))
 
 
 def test_an_ensemble_is_trained_as_one_and_defaults_are_of_the_kind() -> None:

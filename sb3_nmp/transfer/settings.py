@@ -20,9 +20,11 @@ class TransferTraining(Presets):
 
     :param n_steps: steps of AdamW
     :param batch_size: proxy skills per step
-    :param n_target_points: random time points of each robot's trajectory at which it is predicted
+    :param n_target_points: random time points of each robot's trajectory at which it is predicted;
+        of moments, ``batch_size * n_target_points`` are drawn per step
     :param conditioning_points: each encoder sees at least and at most so many random points of its
-        robot's trajectory; the numbers are drawn for each robot by itself
+        robot's trajectory; the numbers are drawn for each robot by itself. Without effect on
+        moments
     :param latent_weight: of the distance between the two robots' representations, the third term
         of Eq. 5.4; 0 leaves two networks that know nothing of each other
     :param learning_rate: at the start; it falls to a hundredth along a cosine
