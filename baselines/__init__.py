@@ -1,4 +1,4 @@
-"""Methods from elsewhere that ours are compared with, in Stable-Baselines3's interface, and twins."""
+"""Methods from elsewhere, with the interface of Stable-Baselines3, and twins of our own."""
 
 from baselines.bayesian import BO, BOPolicy
 from baselines.bayesopt import LogEI, TuRBO
