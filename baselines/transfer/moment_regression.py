@@ -58,19 +58,18 @@ class MomentRegression:
         self.n_time_points = target.trajectory_shape[0]
         self.function: Function | None = None
         self._coefficients = np.empty((0, 0))
-        shown = self._resampled(source.trajectories).reshape(-1, source.trajectory_shape[1])
-        std = shown.std(axis=0)
-        self._scale = shown.mean(axis=0), np.where(std > 1e-9, std, 1.0)
+        self._shown = self._resampled(source.trajectories)
+        points = self._shown.reshape(-1, source.trajectory_shape[1])
+        std = points.std(axis=0)
+        self._scale = points.mean(axis=0), np.where(std > 1e-9, std, 1.0)
         self._middle = target.trajectories.mean(axis=(0, 1), dtype=np.float64)
 
     def fit(self) -> Self:
         """Choose the function, and fit it to all proxy skills."""
-        shown = self._resampled(self.skills.source.trajectories)
-        wanted = self.skills.target.trajectories.astype(np.float64)
+        targets = self.skills.target.trajectories.astype(np.float64) - self._middle
         found = []
         for is_quadratic, sees_time in product((False, True), repeat=2):
-            inputs = self._features(shown, Function(is_quadratic, sees_time, 0.0))
-            targets = wanted - self._middle
+            inputs = self._features(self._shown, is_quadratic, sees_time)
             grams = np.einsum("ntf,ntg->nfg", inputs, inputs) / len(inputs[0])
             products = np.einsum("ntf,ntd->nfd", inputs, targets) / len(inputs[0])
             for penalty in PENALTIES:
@@ -104,22 +103,25 @@ class MomentRegression:
             raise InvalidDataError(
                 f"the trajectories have {rows.shape[2]} joints; the source robot has {n_joints}."
             )
-        inputs = self._features(self._resampled(rows), self.function)
+        function, resampled = self.function, self._resampled(rows)
+        inputs = self._features(resampled, function.is_quadratic, function.sees_time)
         answers = self._middle + inputs @ self._coefficients
         return answers[0] if is_one else answers
 
     def _resampled(self, trajectories: NDArray[np.floating]) -> FloatArray:
         return resample(list(trajectories), self.n_time_points)
 
-    def _features(self, trajectories: FloatArray, function: Function) -> FloatArray:
+    def _features(
+        self, trajectories: FloatArray, is_quadratic: bool, sees_time: bool
+    ) -> FloatArray:
         """Return what the target is linear in, shape (N, T, F)."""
         middle, unit = self._scale
         inputs = (trajectories - middle) / unit
-        if function.sees_time:
+        if sees_time:
             time = np.linspace(-1.0, 1.0, inputs.shape[1])[:, None]
             inputs = np.concatenate([inputs, np.tile(time, (len(inputs), 1, 1))], axis=2)
         parts = [np.ones((*inputs.shape[:2], 1)), inputs]
-        if function.is_quadratic:
+        if is_quadratic:
             one, other = np.triu_indices(inputs.shape[2])
             parts.append(inputs[..., one] * inputs[..., other])
         return np.concatenate(parts, axis=2)

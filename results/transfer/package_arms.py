@@ -21,14 +21,13 @@ from benchmark_envs.robots import Arm, ArmTask, ViaPose
 from results.exceptions import BenchmarkError
 from results.transfer.runs import (
     ARCHITECTURE,
-    PRETRAINING,
     Remembering,
-    UntilSolved,
     by_moments,
     first_success,
     nearest_skill,
+    refine,
 )
-from sb3_nmp import ACNMP, Demonstrations, SkillTransfer, TransferTraining
+from sb3_nmp import Demonstrations, SkillTransfer, TransferTraining
 
 FloatArray = NDArray[np.float64]
 
@@ -192,14 +191,8 @@ def refined(
     found = []
     for place, answer in zip(places, np.clip(answers, low, high), strict=True):
         env = Remembering(TrajectoryEnv(task, context=place))
-        ACNMP(
-            "MlpPolicy",
-            env,
-            demonstrations=Demonstrations(place[None], answer[None]),
-            population_size=run.population_size,
-            pretraining=PRETRAINING,
-            seed=run.seed,
-        ).learn(run.budget, UntilSolved(env))
+        only = Demonstrations(place[None], answer[None])
+        refine(env, only, run.seed, run.budget, run.population_size)
         found.append(first_success(env))
     return found
 

@@ -157,14 +157,8 @@ def measure(run: TransferRun) -> dict[str, Any]:
     task, context, _ = button(TARGET)
     tried = task.simulate(context, answer)
     env = Remembering(gym.make(BUTTON, context=context, arm=TARGET))
-    model = ACNMP(
-        "MlpPolicy",
-        env,
-        demonstrations=Demonstrations(context[None], answer[None]),
-        population_size=run.population_size,
-        pretraining=PRETRAINING,
-        seed=run.seed,
-    ).learn(run.budget, UntilSolved(env))
+    only = Demonstrations(context[None], answer[None])
+    model = refine(env, only, run.seed, run.budget, run.population_size)
     rewards, touched, _ = (list(column) for column in zip(*env.rollouts, strict=True))
     return more | {
         "zero_shot": {
@@ -178,6 +172,27 @@ def measure(run: TransferRun) -> dict[str, Any]:
         "rollouts": model.num_timesteps,
         "seconds": round(time.perf_counter() - start, 1),
     }
+
+
+def refine(
+    env: Remembering, shown: Demonstrations, seed: int, budget: int, population_size: int
+) -> ACNMP:
+    """Let ACNMP refine a trajectory until a rollout has solved the task.
+
+    :param env: that remembers its rollouts
+    :param shown: the trajectory, as the only demonstration
+    :param seed: of the search
+    :param budget: rollouts
+    :param population_size: rollouts of an update
+    """
+    return ACNMP(
+        "MlpPolicy",
+        env,
+        demonstrations=shown,
+        population_size=population_size,
+        pretraining=PRETRAINING,
+        seed=seed,
+    ).learn(budget, UntilSolved(env))
 
 
 def first_success(env: Remembering) -> int | None:

@@ -195,11 +195,11 @@ class Niches:
         for way in reversed(range(1, len(self.best))):
             age = generation - self.born[way]
             if age > 0 and age & (age - 1) == 0:  # a power of two
-                others = [row for row in self.best if row != self.best[way]]
-                here = buffer.trajectories[self.best[way]]
-                nearest = others[_distances(buffer.trajectories[others], here).argmin()]
-                one, other = sorted((self.best.index(nearest), way))
-                return one, other
+                bests = buffer.trajectories[self.best]
+                distances = _distances(bests, bests[way])
+                distances[way] = np.inf
+                nearest = int(distances.argmin())
+                return min(nearest, way), max(nearest, way)
         return None
 
 

@@ -34,8 +34,7 @@ class PairSampler:
         rng: np.random.Generator,
     ) -> None:
         self.settings, self.robots, self.rng = settings, robots, rng
-        n_members = robots[0][0].network.n_members
-        self.members = () if n_members == 1 else (n_members,)
+        self.members = _members(robots)
 
     def draw(self, n_batches: int) -> list[Pair]:
         """Draw some batches.
@@ -88,8 +87,7 @@ class MomentSampler:
         rng: np.random.Generator,
     ) -> None:
         self.size, self.rng = settings.batch_size * settings.n_target_points, rng
-        n_members = robots[0][0].network.n_members
-        self.members = () if n_members == 1 else (n_members,)
+        self.members = _members(robots)
         n_moments = max(values.shape[1] for _, values in robots)
         self.values = [
             values.new_tensor(resample(list(values.cpu().numpy()), n_moments))
@@ -115,6 +113,12 @@ class MomentSampler:
             for values in self.values
         )
         return list(zip(first, second, strict=True))
+
+
+def _members(robots: Sequence[tuple[CNMP, th.Tensor]]) -> tuple[int, ...]:
+    """Return the axis of batches that each member of an ensemble has for itself: (E,), or none."""
+    n_members = robots[0][0].network.n_members
+    return () if n_members == 1 else (n_members,)
 
 
 def shared_latent_loss(networks: tuple[CNMP, CNMP], pair: Pair, latent_weight: float) -> th.Tensor:
