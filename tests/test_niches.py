@@ -12,7 +12,7 @@ from benchmark_envs import make_task
 from benchmark_envs.tasks.bottles import BOTTLES
 from sb3_nmp import RCNMP, ConfigurationError, RCNMPTraining
 from sb3_nmp.common.buffer import TrajectoryBuffer
-from sb3_nmp.common.niches import Niches, View
+from sb3_nmp.common.niches import Niches, View, midway
 
 ENV_ID = "nmp/Bottles-v0"
 INITIAL = np.zeros((10, 1))
@@ -87,6 +87,62 @@ def test_ways_stay_apart_while_the_valley_is_there() -> None:
     buffer.add(np.zeros((1, 1)), midway[None], np.array([-9.0]), np.array([False]))
     niches.take(buffer, INITIAL, 2, 4)
     assert (niches.best, niches.born, niches.doubtful) == ([0, 1], [0, 2], None)
+
+
+def around_a_corner(pace: float) -> NDArray[np.float64]:
+    """The way along two sides of a square, begun slowly if the pace is above 1, shape (60, 2)."""
+    passed = 2.0 * np.linspace(0.0, 1.0, 60) ** pace
+    return np.stack([np.minimum(passed, 1.0), np.maximum(passed - 1.0, 0.0)], axis=-1)
+
+
+def test_midway_between_two_paces_of_a_path_is_the_path() -> None:
+    slow, quick = around_a_corner(2.0), around_a_corner(0.5)
+    between = midway(slow, quick)
+    off = np.minimum(np.abs(between[:, 1]), np.abs(between[:, 0] - 1.0))
+    assert off.max() < 0.02
+    plain = 0.5 * (slow + quick)
+    assert np.minimum(plain[:, 1], 1.0 - plain[:, 0]).max() > 0.2, "it cuts the corner"
+    np.testing.assert_array_equal(between[[0, -1]], slow[[0, -1]])
+    passed = between.sum(axis=-1)
+    assert (np.diff(passed) >= 0).all()
+    assert (quick.sum(axis=-1)[20] > passed[20]) and (passed[20] > slow.sum(axis=-1)[20])
+    np.testing.assert_allclose(midway(quick, slow), between, atol=1e-12)
+    np.testing.assert_array_equal(midway(slow[:1], quick[:1]), slow[:1])
+
+
+def test_what_is_tested_is_midway_in_time_too() -> None:
+    initial, paths = np.zeros((60, 2)), np.stack([around_a_corner(2.0), around_a_corner(0.5)])
+    buffer = TrajectoryBuffer(1, (60, 2))
+    mirrored = paths * np.array([1.0, -1.0])
+    buffer.add(np.zeros((2, 1)), mirrored, np.array([-1.0, -2.0]), np.ones(2, bool))
+    niches = Niches(2, best=[0, 1], born=[0, 1])
+    again = niches.to_test(buffer, initial, 2)
+    assert again is not None and niches.doubtful == (0, 1)
+    np.testing.assert_allclose(again, midway(*mirrored), atol=1e-6)
+    niches = Niches(2, best=[0], born=[0])
+    far = 0.1 * mirrored[1]
+    buffer = TrajectoryBuffer(1, (60, 2))
+    buffer.add(
+        np.zeros((2, 1)), np.stack([mirrored[0], far]), np.array([-1.0, -2.0]), np.ones(2, bool)
+    )
+    first = niches.to_test(buffer, initial, 1)
+    assert first is not None and niches.pending == 1
+    np.testing.assert_allclose(first, midway(mirrored[0], far), atol=1e-6)
+
+
+def test_midway_pairs_points_as_a_library_does() -> None:
+    library: Any = pytest.importorskip(
+        "dtaidistance.dtw_ndim", reason="the extra 'contrib' is not installed"
+    )
+    rng = np.random.default_rng(0)
+    one, other = np.cumsum(rng.normal(size=(2, 80, 3)), axis=1)
+    best = library.warping_path(one, other, inner_dist="euclidean")
+    at, there = np.array(best).T
+    expected = np.stack(
+        [np.interp(np.arange(80), 0.5 * (at + there), x) for x in 0.5 * (one[at] + other[there]).T],
+        axis=-1,
+    )
+    np.testing.assert_allclose(midway(one, other), expected, atol=1e-12)
 
 
 def test_members_are_shared_out_and_each_sees_its_own_way() -> None:

@@ -1,37 +1,51 @@
 """Whether adaptation keeps the character of the demonstrations (thesis Fig. 5.3 to 5.5).
 
-``python -m results.experiments.acnmp_shape`` adapts to the two extrapolation targets of
-``nmp/Push-v0`` with ACNMP and with ablations of it. As in the thesis's experiment the reward tells
-only what is to be reached (``reward="goal"``, the final distance), and not how. It prints a
-Markdown table of
+``python -m results.experiments.acnmp_shape FILE.jsonl`` adapts to the two extrapolation targets of
+``nmp/Push-v0`` with ACNMP, with ablations of it and with its twins, appends a line for each seed,
+skips those that are there, and prints a Markdown table. As in the thesis's experiment the reward
+tells only what is to be reached (``reward="goal"``, the final distance), and not how. Measured are
 
 - path error: of the cylinder from the expert's, which the reward does not tell, in m^2;
 - shape: distance of the found trajectory from the demonstrations' shape space, the affine span of
   their principal components that hold 99 % of their variance, root mean square in rad;
-- answer's shape: the same of the network's own answer after the adaptation;
+- answer's shape: the same of the method's own answer after the adaptation, without any memory;
 - roughness: root mean square second difference of the found trajectory over that of the
   demonstrations;
-- forgetting: error of the network's answers in the demonstrated contexts after the adaptation,
-  root mean square in rad.
+- forgetting: error of its own answers in the demonstrated contexts after the adaptation, root mean
+  square in rad.
 """
 
+import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch as th
+from numpy.typing import NDArray
 
 from benchmark_envs import TrajectoryEnv, leave_one_out, make_task
 from benchmark_envs.tasks.push import EXTRAPOLATION_TARGETS
 from results.adaptation.shape import distance_from_shapes
+from results.experiments.json_lines import Line, append_missing, read_lines
+from results.report.statistics import mean_interval
 from results.suites.push_ablations import ALGORITHMS
-from sb3_nmp import ACNMP, Demonstrations
+from sb3_nmp import Demonstrations
 
-LABELS = ("ACNMP", "latents too", "policy gradient, to go", "RL only")
-SEEDS = range(5)
+LABELS = (
+    "ACNMP",
+    "ACNMP, network drives",
+    "policy gradient, to go",
+    "RL only",
+    "twin, nearest",
+    "twin, ridge",
+    "twin, Gaussian process",
+)
+SEEDS = range(300, 310)
 BUDGET = 130
+COLUMNS = ("path error [m^2]", "shape [rad]", "answer's shape [rad]", "roughness", "forgetting")
 
 
-def roughness(trajectories: np.ndarray) -> float:
+def roughness(trajectories: NDArray[np.floating]) -> float:
     """Return the root mean square second difference over time.
 
     :param trajectories: shape (..., T, D)
@@ -39,8 +53,8 @@ def roughness(trajectories: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.diff(trajectories, 2, axis=-2) ** 2)))
 
 
-def measure(label: str, target: int, seed: int) -> tuple[float, ...]:
-    """Adapt once: solved, path error in m^2, shape, answer's shape, roughness and forgetting.
+def adapt(label: str, target: int, seed: int) -> list[float]:
+    """Adapt once, and return whether it was solved (1 or 0), and what `COLUMNS` names.
 
     :param label: of the suite push-ablations
     :param target: that is left out
@@ -50,47 +64,74 @@ def measure(label: str, target: int, seed: int) -> tuple[float, ...]:
     path_task = make_task("nmp/Push-v0", n_threads=1)
     shown, held_out = leave_one_out("nmp/Push-v0", target)
     demonstrations = Demonstrations.from_task(task, shown)
+    demonstrated = demonstrations.trajectories
     env = TrajectoryEnv(task, context=held_out)
-    settings = dict(ALGORITHMS[label].settings)
-    model = ACNMP("MlpPolicy", env, demonstrations=demonstrations, seed=seed, **settings)
+    algorithm = ALGORITHMS[label]
+    make: Any = algorithm.load()
+    settings = dict(algorithm.settings)
+    model = make("MlpPolicy", env, demonstrations=demonstrations, seed=seed, **settings)
     model.learn(BUDGET)
     found = model.predict(held_out.astype(np.float32), deterministic=True)[0]
     rollout = path_task.simulate(held_out, found)
-    cnmp = model.policy.cnmp
-    answer, answers = cnmp.trajectories(held_out[None])[0], cnmp.trajectories(shown)
-    return (
+    contexts = np.concatenate([held_out[None], shown])
+    with th.no_grad():
+        answer, *answers = model.policy.generalise(th.as_tensor(contexts)).cpu().numpy()
+    return [
         float(rollout.successes[0]),
         -float(rollout.rewards[0]),
-        distance_from_shapes(found, demonstrations.trajectories),
-        distance_from_shapes(answer, demonstrations.trajectories),
-        roughness(found) / roughness(demonstrations.trajectories),
-        float(np.sqrt(np.mean((answers - demonstrations.trajectories) ** 2))),
-    )
+        distance_from_shapes(found, demonstrated),
+        distance_from_shapes(answer, demonstrated),
+        roughness(found) / roughness(demonstrated),
+        float(np.sqrt(np.mean((np.array(answers) - demonstrated) ** 2))),
+    ]
 
 
-def main() -> None:
-    """Print the table: medians over targets and seeds."""
+def measure(label: str, seed: int) -> Line:
+    """Adapt to each of the targets.
+
+    :param label: of the suite push-ablations
+    :param seed: of the runs
+    """
     th.set_num_threads(1)
+    runs = [adapt(label, target, seed) for target in EXTRAPOLATION_TARGETS]
+    return {"row": label, "seed": seed, "runs": [[round(x, 6) for x in run] for run in runs]}
+
+
+def expert_shape() -> float:
+    """Return the distance of the expert's trajectories to the targets, left out, in rad."""
     task = make_task("nmp/Push-v0", n_threads=1)
-    experts = []
+    found = []
     for target in EXTRAPOLATION_TARGETS:
         shown, held_out = leave_one_out("nmp/Push-v0", target)
         demonstrated = np.stack([task.demonstrate(context) for context in shown])
-        experts.append(distance_from_shapes(task.demonstrate(held_out), demonstrated))
-    titles = "path error [m^2] | shape [rad] | answer's shape [rad] | roughness | forgetting [rad]"
-    print(f"| | solved | {titles} |")
+        found.append(distance_from_shapes(task.demonstrate(held_out), demonstrated))
+    return float(np.mean(found))
+
+
+def print_table(lines: list[Line]) -> None:
+    """Print means over targets and seeds, with 95 % intervals over seeds.
+
+    :param lines: of the file
+    """
+    print(f"| | solved | {' | '.join(COLUMNS)} |")
     print("|---|--:|--:|--:|--:|--:|--:|")
-    print(f"| expert at the left-out target | | | {np.median(experts):.3f} | | | |")
+    print(f"| expert at the left-out target | | | {expert_shape():.3f} | | | |")
     for label in LABELS:
-        rows = np.array(
-            [measure(label, target, s) for target in EXTRAPOLATION_TARGETS for s in SEEDS]
-        )
-        error, shape, answer, rough, forgotten = np.median(rows[:, 1:], axis=0)
-        print(
-            f"| {label} | {int(rows[:, 0].sum())}/{len(rows)} | {error:.3f} | {shape:.3f} | "
-            f"{answer:.3g} | {rough:.2f} | {forgotten:.4f} |",
-            flush=True,
-        )
+        runs = np.array([each["runs"] for each in lines if each["row"] == label])
+        if len(runs) == 0:
+            continue
+        seeds = runs.mean(axis=1)
+        measures = np.stack([seeds.mean(axis=0), *mean_interval(seeds)], axis=-1)
+        cells = [f"{mean:.3f} [{low:.3f}, {high:.3f}]" for mean, low, high in measures[1:]]
+        solved = runs[..., 0]
+        print(f"| {label} | {int(solved.sum())}/{solved.size} | {' | '.join(cells)} |")
+
+
+def main() -> None:
+    """Do the runs that the file does not hold yet, and print the table."""
+    file = Path(sys.argv[1])
+    append_missing(file, measure, [(label, seed) for seed in SEEDS for label in LABELS], "seed")
+    print_table(read_lines(file))
 
 
 if __name__ == "__main__":

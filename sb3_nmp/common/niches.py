@@ -2,10 +2,11 @@
 
 Two solutions are one way if the trajectory midway between them succeeds too; where it fails, a
 valley lies between them (the hill-valley test of Ursem, "Multinational evolutionary algorithms",
-1999). The test costs one rollout. It is made for a success that is nearer to the initial trajectory
-than to what is known, and again 1, 2, 4, ... generations after a way was found: rough paths that go
-the same way can have a valley between them, which is gone once they are better. Shape letters:
-N rollouts, K ways, T x D trajectory.
+1999). Midway is meant in place and in time: dynamic time warping tells which points belong
+together, so that the same path at another pace is no other way. The test costs one rollout. It is
+made for a success that is nearer to the initial trajectory than to what is known, and again 1, 2,
+4, ... generations after a way was found: rough paths that go the same way can have a valley between
+them, which is gone once they are better. Shape letters: N rollouts, K ways, T x D trajectory.
 """
 
 from dataclasses import dataclass, field
@@ -175,7 +176,8 @@ class Niches:
         """
         self.doubtful = self._due(buffer, generation)
         if self.doubtful is not None:
-            return 0.5 * buffer.trajectories[[self.best[way] for way in self.doubtful]].sum(axis=0)
+            one, other = buffer.trajectories[[self.best[way] for way in self.doubtful]]
+            return midway(one, other)
         if not self.best or len(self.best) == self.n_modes:
             return None
         rows = np.flatnonzero(buffer.successes & (self.labels(buffer, initial) == -1))
@@ -184,7 +186,7 @@ class Niches:
         self.pending = int(rows[buffer.rewards[rows].argmax()])
         stored = buffer.trajectories.astype(np.float64)
         nearest = _distances(buffer.trajectories, stored[self.pending])[self.best].argmin()
-        return 0.5 * (stored[self.pending] + stored[self.best[int(nearest)]])
+        return midway(stored[self.pending], stored[self.best[int(nearest)]])
 
     def _due(self, buffer: TrajectoryBuffer, generation: int) -> tuple[int, int] | None:
         """Return the youngest way that is to be tested again, and the one nearest to it, in order.
@@ -201,6 +203,48 @@ class Niches:
                 nearest = int(distances.argmin())
                 return min(nearest, way), max(nearest, way)
         return None
+
+
+def midway(one: NDArray[np.floating], other: NDArray[np.floating]) -> FloatArray:
+    """Return the trajectory midway between two, in place and in time, shape (T, D).
+
+    Their points are paired by dynamic time warping (Sakoe and Chiba, "Dynamic programming algorithm
+    optimization for spoken word recognition", 1978); of each pair both place and time are averaged.
+
+    >>> early, late = np.array([[[0.0], [1.0], [1.0], [1.0]], [[0.0], [0.0], [0.0], [1.0]]])
+    >>> midway(early, late).round(2).ravel().tolist()
+    [0.0, 0.0, 1.0, 1.0]
+
+    :param one: shape (T, D)
+    :param other: shape (T, D)
+    """
+    one, other = one.astype(np.float64), other.astype(np.float64)
+    at, there = _pairs(np.linalg.norm(one[:, None] - other, axis=-1))
+    place, time = 0.5 * (one[at] + other[there]), 0.5 * (at + there)
+    return np.stack([np.interp(np.arange(len(one)), time, each) for each in place.T], axis=-1)
+
+
+def _pairs(costs: FloatArray) -> NDArray[np.intp]:
+    """Return the pairs of time points whose sum of costs is least, in their order, shape (2, P).
+
+    They begin and end together, and from one to the next each time goes on by a point or stays.
+
+    :param costs: of pairing each point with each, shape (T, T)
+    """
+    size = len(costs)
+    totals = np.full((size + 1, size + 1), np.inf)
+    totals[0, 0] = 0.0
+    for diagonal in range(2 * size - 1):
+        i = np.arange(max(0, diagonal - size + 1), min(diagonal, size - 1) + 1)
+        j = diagonal - i
+        before = np.minimum(totals[i, j], np.minimum(totals[i, j + 1], totals[i + 1, j]))
+        totals[i + 1, j + 1] = costs[i, j] + before
+    pairs = [(size - 1, size - 1)]
+    while pairs[-1] != (0, 0):
+        i, j = pairs[-1]
+        _, *step = min((totals[i, j], 1, 1), (totals[i, j + 1], 1, 0), (totals[i + 1, j], 0, 1))
+        pairs.append((i - step[0], j - step[1]))
+    return np.array(pairs[::-1]).T
 
 
 def _view(
