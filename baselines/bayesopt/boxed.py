@@ -20,7 +20,7 @@ class BoxedSearch(PointSearch):
     def __init__(self, space: Subspace, reach: float, n_initial: int) -> None:
         super().__init__(space)
         self.reach, self.n_initial = reach, n_initial
-        self._begin = 0
+        self._begin = self._first = 0  # rows: of what the model sees, and of the design
         self._design: FloatArray = np.empty((0, space.size))
 
     @abstractmethod
@@ -33,9 +33,11 @@ class BoxedSearch(PointSearch):
         return np.clip(0.5 + self.points[self._begin :] / (2 * self.reach), 0.0, 1.0)
 
     def _propose(self, n: int, rng: np.random.Generator) -> FloatArray:
-        tried = len(self.points) - self._begin
-        if tried == 0:
-            n_design = n * -(-self.n_initial // n)
+        if len(self._design) == 0:
+            self._first = len(self.points)  # others may have been told, such as a greedy rollout
+        tried, known = len(self.points) - self._first, len(self.points) - self._begin
+        if tried == 0 and known < self.n_initial:
+            n_design = n * -(-(self.n_initial - known) // n)
             self._design = sobol(n_design, self.space.size, rng)
         if tried + n <= len(self._design):
             chosen = self._design[tried : tried + n]
@@ -45,4 +47,4 @@ class BoxedSearch(PointSearch):
 
     def restart(self) -> None:
         """Forget all points for the model's sake, and begin with another design."""
-        self._begin = len(self.points)
+        self._begin, self._design = len(self.points), self._design[:0]

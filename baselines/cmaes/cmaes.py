@@ -78,6 +78,7 @@ class CMAES(AdaptiveAlgorithm):
         self.residual = SmoothNoise(n_bases=n_bases)
         self.context_std, self.shaped, self.pretraining = context_std, shaped, pretraining
         self.pd_controller = pd_controller
+        self._widths = {"context_std": context_std, "shaped": shaped}
         self._context_step: NDArray[np.float64] | None = None
         self._mixing: NDArray[np.float64] | None = None
         self._has_learned = False
@@ -102,7 +103,7 @@ class CMAES(AdaptiveAlgorithm):
         if shown is not None:
             self.policy.learn_demonstrations(shown, self.pretraining, self.rng)
             self._has_learned = True
-        for name in ("context_std", "shaped"):
+        for name in self._widths:
             if getattr(self, name) > 0 and shown is None:
                 raise ConfigurationError(
                     f"{name} is {getattr(self, name)}, but there are no demonstrations, which tell "
@@ -114,7 +115,7 @@ class CMAES(AdaptiveAlgorithm):
             self._mixing = spread_over_time(cast(Demonstrations, shown), self.shaped)
 
     def _made_with(self) -> dict[str, Any]:
-        return super()._made_with() | {"n_bases": self.residual.n_bases}
+        return super()._made_with() | {"n_bases": self.residual.n_bases} | self._widths
 
     def _begin_generation(self) -> None:
         if self._n_updates == 0 and not self._has_learned:

@@ -86,9 +86,9 @@ class ArchiveSearch(PointSearch):
         self.n_emitters, self.population_size = n_emitters, population_size
         self.n_cells, self.n_parts, self.sigma = n_cells, n_parts, sigma
         self.seed: int | None = None
-        #: of each `tell`: how many points, and whether they were asked of the strategies
-        self.told: list[tuple[int, bool]] = []
-        self.was_asked = False  # since the last `tell`
+        #: of each `tell`: how many points, and how often the strategies were asked before it
+        self.told: list[tuple[int, int]] = []
+        self.n_asked = 0  # since the last `tell`
         self._prepare()
 
     def _prepare(self) -> None:
@@ -130,7 +130,7 @@ class ArchiveSearch(PointSearch):
             self.seed = int(rng.integers(2**31))
         if self._archive is None:
             self._begin()
-        self.was_asked = True
+        self.n_asked += 1
         return np.concatenate([each.ask() for each in self._emitters]).astype(np.float64)
 
     def tell(self, rollouts: Generation) -> None:
@@ -140,13 +140,13 @@ class ArchiveSearch(PointSearch):
         """
         n_before = len(self.points)
         super().tell(rollouts)
-        self.told.append((len(rollouts), self.was_asked))
-        if self.was_asked:
+        self.told.append((len(rollouts), self.n_asked))
+        if self.n_asked:
             self._learn(slice(n_before, None))
 
     def _learn(self, rows: slice) -> None:
         """Tell the archive and the strategies of rows that they asked for."""
-        archive, self.was_asked = cast("CVTArchive", self._archive), False
+        archive, self.n_asked = cast("CVTArchive", self._archive), 0
         points, rewards = self.points[rows], self.rewards[rows]
         measures = points @ self._to_measures
         news = archive.add(points, rewards, measures)
@@ -179,14 +179,14 @@ class ArchiveSearch(PointSearch):
         for name, value in state.items():
             setattr(self, name, value)
         self._prepare()
-        row, is_pending = 0, self.was_asked
-        for n, was_asked in self.told:
-            if was_asked:
-                self._propose_again()
+        row, pending, self.n_asked = 0, self.n_asked, 0
+        for n, n_asked in self.told:
+            self._propose_again(n_asked)
+            if n_asked:
                 self._learn(slice(row, row + n))
             row += n
-        if is_pending:
-            self._propose_again()
+        self._propose_again(pending)
 
-    def _propose_again(self) -> None:
-        self._propose(self.population_size, np.random.default_rng())  # which draws no seed anew
+    def _propose_again(self, n: int) -> None:
+        for _ in range(n):
+            self._propose(self.population_size, np.random.default_rng())  # draws no seed anew

@@ -1,5 +1,6 @@
 """`CMAME`: covariance matrix adaptation MAP-Elites over a movement primitive's weights (pyribs)."""
 
+import warnings
 from typing import ClassVar, Unpack, cast
 
 import numpy as np
@@ -10,7 +11,7 @@ from baselines.primitive_search.algorithm import Controller
 from baselines.quality_diversity.archive_search import ArchiveSearch, check_ribs
 from sb3_nmp.bayesian.search import Subspace
 from sb3_nmp.common.adaptive import AdaptiveArguments
-from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.exceptions import ConfigurationError, ResumeWarning
 from sb3_nmp.common.rollouts import Generation
 from sb3_nmp.common.settings import Rules
 from sb3_nmp.common.tuning import Choice, Range, SearchSpace
@@ -91,6 +92,22 @@ class CMAME(PrimitiveSearch):
                 f"n_parts is {self.n_parts}; trajectories have {n_time_points} time points, and no "
                 "part may be empty. Usual values are 1 to 4."
             )
+
+    def _begin_generation(self) -> None:
+        if self.searches:
+            search = cast(ArchiveSearch, self.searches[0].search)
+            if search.population_size != self.population_size:
+                warnings.warn(
+                    f"the strategies share out {search.population_size} rollouts, and generations "
+                    f"have {self.population_size} now: they begin anew, with an empty archive.",
+                    ResumeWarning,
+                    stacklevel=4,
+                )
+                self.searches = []
+        before = self.searches
+        super()._begin_generation()
+        if self._pinned and self.searches is not before:
+            self.policy.ways.forget()  # they are of another archive
 
     def _search_in(self, space: Subspace) -> ArchiveSearch:
         return ArchiveSearch(

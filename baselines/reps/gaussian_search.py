@@ -98,8 +98,9 @@ class GaussianSearch(TrajectoryAlgorithm):
             self.policy.start_from_demonstrations(shown.contexts, shown.trajectories)
 
     def _made_with(self) -> dict[str, Any]:
-        own = ("primitive", "n_bases", "pd_controller")
-        return super()._made_with() | {name: self.policy_kwargs[name] for name in own}
+        fixed = ("primitive", "n_bases", "pd_controller", "context_features")
+        own = {name: value for name, value in self.policy_kwargs.items() if name in fixed}
+        return super()._made_with() | own
 
     def _begin_generation(self) -> None:
         if not self._started:

@@ -50,8 +50,8 @@ class ACNMP(SearchingAlgorithm):
     drawn around its present answer. With ``search="critic"``, the default, a Gaussian process
     chooses the rollouts by all earlier ones in the context: Bayesian optimisation around the
     network's first answer (`sb3_nmp.bayesian.search.CriticSearch`), which needs fewer rollouts. In
-    both the network learns from the rollouts, so that its own answer succeeds in the end, without
-    any rollout remembered (``policy.own_answer``).
+    both the network learns from the rollouts: in the end its own answer (``policy.own_answer``)
+    mostly succeeds.
 
     Where this departs from the thesis: a generation has ``population_size`` rollouts instead of
     two; the policy gradient weighs all rollouts of the context by their place instead of the last
@@ -239,7 +239,7 @@ class ACNMP(SearchingAlgorithm):
             n_steps += settings.n_assimilation_steps
         if n_steps == 0:
             return
-        self._train(taught, n_gradients, n_steps, self.rng)
+        self._train(taught, n_gradients, n_steps, self.rng, self._current_progress_remaining)
         self._tell_searches(taught)
 
     def _train(
@@ -248,6 +248,7 @@ class ACNMP(SearchingAlgorithm):
         n_gradients: int,
         n_steps: int,
         rng: np.random.Generator,
+        progress: float,
     ) -> None:
         """Train by likelihood (Eq. 4.1) and, in alternating steps, by policy gradient (Eq. 5.2).
 
@@ -255,13 +256,13 @@ class ACNMP(SearchingAlgorithm):
         :param n_gradients: steps of it, beside the first ones of the likelihood
         :param n_steps: of the likelihood
         :param rng: the generator to draw batches from
+        :param progress: remaining, for which a schedule gives the learning rate
         """
-        policy, settings = self.policy, self.adaptation
+        policy, settings, highest = self.policy, self.adaptation, self.lr_schedule(progress)
         policy.train()
         gradient = self._policy_gradient(taught) if n_gradients else None
         network = policy.cnmp.network
         beta = 0.0 if gradient else network.beta_nll  # beside Eq. 5.2 it is Eq. 4.1 as it is
-        highest = self.lr_schedule(self._current_progress_remaining)
         for step, batch in enumerate(self._sampler(rng).draw(n_steps)):
             update_learning_rate(policy.optimizer, cosine(highest, step / n_steps))
             if settings.supervised:
@@ -279,8 +280,9 @@ class ACNMP(SearchingAlgorithm):
     def _end_learning(self) -> None:
         """Bring the network's own answer to what a critic has found in a pinned context.
 
-        On the way it needs only follow. Batches are drawn from a copy of the generator, and the
-        critic does not ask the network, so that a search that goes on does not depend on this.
+        On the way it needs only follow. Batches come from a copy of the generator, and the critic
+        does not ask the network, so a search that goes on does not depend on this. The learning
+        rate is a schedule's first one, since many end at 0.
         """
         found = [
             each
@@ -289,7 +291,7 @@ class ACNMP(SearchingAlgorithm):
         ]
         n_steps = self.adaptation.n_final_steps
         if self._pinned and found and self.adaptation.imitates and n_steps:
-            self._train(found, n_steps, n_steps, copy.deepcopy(self.rng))
+            self._train(found, n_steps, n_steps, copy.deepcopy(self.rng), 1.0)
 
     def _tell_searches(self, taught: list[ContextSearch]) -> None:
         """Let critics' searches know when they were learned from, and others follow the network.

@@ -92,7 +92,7 @@ class ACNMPAdaptation(Presets):
     :param n_training_steps: pairs of alternating steps after a generation; 0 leaves the policy
         gradient out
     :param n_final_steps: pairs of such steps when ``learn`` ends, where a critic has found a
-        success in a pinned context: the network's own answer comes twice as near to it. So that
+        success in a pinned context: the network's own answer comes nearer to it by a third. So that
         answer depends on where a run was split into several calls; the search does not
     :param keep_answers: in a stream of contexts, train on the answers that satisfied too, so that a
         few solutions do not upset them. It pays where few demonstrations stand for many contexts

@@ -13,6 +13,8 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from sb3_nmp.common.settings import saved_state
 
 FloatArray = NDArray[np.float64]
+#: of a kernel, as a share of the values' variance; where they are all the same, in their unit
+LEAST_VARIANCE = 1e-9
 #: view, length, noise, variance, Cholesky factor of the correlation, weights
 Choice = tuple[FloatArray, float, float, float, FloatArray, FloatArray]
 
@@ -100,7 +102,9 @@ class GaussianProcess:
         :param values: shape (N,)
         :param hypotheses: to choose from
         """
-        mean, n = float(values.mean()), len(values)
+        mean, n, spread = float(values.mean()), len(values), float(values.var())
+        is_flat = spread <= 1e-24 * mean**2  # but for rounding
+        least = LEAST_VARIANCE * (1.0 if is_flat else spread)
         best, chosen = -np.inf, None
         for view in hypotheses.views:
             seen = points @ view
@@ -111,7 +115,7 @@ class GaussianProcess:
                     noisy = correlation + noise * np.eye(n)
                     factor, _ = cho_factor(noisy, lower=True, check_finite=False)
                     weights = cho_solve((factor, True), values - mean, check_finite=False)
-                    variance = max(float((values - mean) @ weights) / n, 1e-9)
+                    variance = max(float((values - mean) @ weights) / n, least)
                     evidence = -0.5 * n * np.log(variance) - np.log(np.diag(factor)).sum()
                     if chosen is None or evidence > best:
                         best = evidence

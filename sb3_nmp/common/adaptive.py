@@ -155,17 +155,10 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
             self.n_contexts = self.population_size
         check_multiple("n_contexts", self.n_contexts, env.num_envs)
 
-    def set_env(self, env: GymEnv | str, force_reset: bool = True) -> None:
-        """Exchange the environment; see SB3. Searches that are under way are dropped.
-
-        :param env: the new environment; its spaces must be the old one's
-        :param force_reset: reset it before training goes on
-        :raises ConfigurationError: the population does not fit the number of environments
-        """
-        if self.env is not None:
-            self.searches, self._proposals = [], None
-            self._collected, self._generation_started = [], False
-        super().set_env(env, force_reset)
+    def _leave_environment(self) -> None:
+        """Drop the searches that are under way."""
+        super()._leave_environment()
+        self.searches, self._proposals = [], None
 
     def _recall_demonstrations(self) -> None:
         """Take the demonstrations of a loaded model from its policy, where it learns them again."""

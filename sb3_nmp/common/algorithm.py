@@ -23,18 +23,18 @@ from sb3_nmp.common.demonstrations import Demonstrations, check_type
 from sb3_nmp.common.environment import Scale
 from sb3_nmp.common.logs import write_log
 from sb3_nmp.common.policies import TrajectoryPolicy
-from sb3_nmp.common.resumable import ResumableAlgorithm, warn_of_dropped
 from sb3_nmp.common.rollouts import Generation, Information
 from sb3_nmp.common.settings import Rules, check_rules
+from sb3_nmp.common.under_way import GenerationAlgorithm
 
 
-class TrajectoryAlgorithm(ResumableAlgorithm):
+class TrajectoryAlgorithm(GenerationAlgorithm):
     """Base class of the algorithms that search a trajectory for a contextual bandit.
 
     One SB3 timestep is one rollout, which is one episode. A generation may be cut by the end of
     ``learn`` or by a callback, and goes on where it stopped in the next ``learn`` or after
     ``save`` and ``load``: interrupted and resumed runs equal uninterrupted ones
-    (`ResumableAlgorithm`). All randomness of an algorithm comes from its own generator ``rng``.
+    (`GenerationAlgorithm`). All randomness of an algorithm comes from its own generator ``rng``.
 
     A subclass supplies `_begin_generation`, `_propose` and `_end_generation`. Its constructor names
     its own arguments, and passes on the others as ``**shared`` (`sb3_nmp.common.arguments`).
@@ -138,11 +138,6 @@ class TrajectoryAlgorithm(ResumableAlgorithm):
         usable = arguments.is_learning_rate(self.learning_rate)
         return {"learning_rate": (usable, "finite and >= 0, or a schedule of such values")}
 
-    @property
-    def generation_size(self) -> int:
-        """How many rollouts the generation at hand has; a multiple of the environments."""
-        return self.population_size
-
     def _wanted_contexts(self, members: slice) -> NDArray[np.float32] | None:
         """Return the contexts, shape (n, C), in which some members are to run.
 
@@ -190,8 +185,14 @@ class TrajectoryAlgorithm(ResumableAlgorithm):
         :param force_reset: reset it before training goes on
         :raises ConfigurationError: the population does not fit the number of environments
         """
-        super().set_env(env, force_reset)
-        self._fit_environments(cast(VecEnv, self.env))
+        environment.check_env(env, needed=True)
+        made = maybe_make_env(cast(GymEnv, env), self.verbose)
+        ready = self._wrap_env(cast(GymEnv, made), self.verbose)
+        self._fit_environments(ready)
+        had_one = self.env is not None
+        super().set_env(ready, force_reset)
+        if had_one:
+            self._leave_environment()
 
     def initial_trajectory(self) -> NDArray[np.float64]:
         """Return the environment's naive trajectory for the current context, shape (T, D)."""
@@ -265,10 +266,6 @@ class TrajectoryAlgorithm(ResumableAlgorithm):
     def _end_learning(self) -> None:
         """Do what is left when ``learn`` ends; a search that goes on must not depend on it."""
 
-    @property
-    def _n_collected(self) -> int:
-        return sum(len(part.rewards) for part in self._collected)
-
     def _learn_generation(self) -> None:
         """Let the algorithm learn from the complete generation, and close it."""
         parts, self._collected, self._generation_started = self._collected, [], False
@@ -287,7 +284,7 @@ class TrajectoryAlgorithm(ResumableAlgorithm):
         self._drop_what_does_not_fit(n_envs)
         if not self._generation_started:
             self._begin_generation()
-            self._generation_started = True
+            self._generation_started, self._size_begun = True, self.generation_size
         callback.on_rollout_start()
         while (
             self._n_collected < self.generation_size
@@ -299,12 +296,12 @@ class TrajectoryAlgorithm(ResumableAlgorithm):
             actions = environment.executable(proposed, n_envs, space, type(self).__name__)
             self._before_reset = stream.generator_states(env)
             new_obs, rewards, dones, infos = env.step(actions)
+            self._last_obs = cast(NDArray[np.float32], new_obs)  # before anything can be refused
             environment.check_ended(dones, type(self).__name__)
             own = environment.rewards_of(env, rewards)
             rollouts = Generation.from_step(contexts, actions, own, infos)
             self._collected.append(rollouts)
             self._observe(rollouts)
-            self._last_obs = cast(NDArray[np.float32], new_obs)
             self.num_timesteps += n_envs
             self._update_info_buffer(infos, dones)
             callback.update_locals(locals())
@@ -313,18 +310,6 @@ class TrajectoryAlgorithm(ResumableAlgorithm):
         callback.on_rollout_end()
         return True
 
-    def _drop_what_does_not_fit(self, n_envs: int) -> None:
-        """Begin a generation anew whose rest cannot be shared out among the environments.
-
-        That is so where another number of them was given in the middle of a generation.
-        """
-        done, size = self._n_collected, self.generation_size
-        if not self._generation_started or (size - done) % n_envs == 0:
-            return
-        self._collected, self._generation_started = [], False
-        if done:
-            warn_of_dropped(done, size, n_envs)
-
     def _show_contexts(self, env: VecEnv, members: slice) -> NDArray[np.float32]:
         """Return the contexts that the environments are in, after asking for those wanted.
 
@@ -332,9 +317,10 @@ class TrajectoryAlgorithm(ResumableAlgorithm):
         :param members: those that come next
         :raises ConfigurationError: the environments do not take the reset option ``context``
         """
-        wanted = self._wanted_contexts(members)
-        if wanted is not None and not np.array_equal(np.asarray(self._last_obs), wanted):
-            self._last_obs = environment.ask_contexts(env, wanted, type(self).__name__)
+        wanted, seen = self._wanted_contexts(members), np.array(self._last_obs, np.float32)
+        if wanted is None or np.array_equal(seen, wanted):
+            return seen
+        self._last_obs = environment.ask_contexts(env, wanted, type(self).__name__)
         return np.array(self._last_obs, np.float32)
 
     def dump_logs(self, iteration: int = 0) -> None:

@@ -203,7 +203,9 @@ def scale_rewards(rewards: NDArray[np.floating], scaling: RewardScaling) -> NDAr
         place = places(rewards)
         spread = float(np.ptp(place))
         return 1.0 - 2.0 * (place - place.min()) / spread if spread else np.ones(len(rewards))
-    return (rewards - rewards.mean()) / max(float(rewards.std()), 1e-8)
+    spread = float(rewards.std())
+    is_flat = spread <= 1e-12 * float(np.abs(rewards).max())  # but for rounding
+    return (rewards - rewards.mean()) / (1.0 if is_flat else spread)
 
 
 def selection_weights(rewards: NDArray[np.floating], temperature: float) -> NDArray[np.float64]:

@@ -42,8 +42,12 @@ class BufferedAlgorithm(TrajectoryAlgorithm):
                 ResumeWarning,
                 stacklevel=4,
             )
+            self._forget_rollouts()
         self._n_buffered = 0
         return super()._setup_learn(*args, **kwargs)
+
+    def _forget_rollouts(self) -> None:
+        """Forget what is known of rollouts by their rows in a replay buffer that is lost."""
 
     def save(self, path: Any, *args: Any, **kwargs: Any) -> None:  # noqa: ANN401
         """Write the model to a zip file; see SB3. The replay buffer is a file of its own.

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sb3_nmp.common.settings import saved_state, settings_name
 
 FloatArray = NDArray[np.float64]
+WIDEST = 1e4  # scale of exploration: beyond, all is clipped anyway
 
 
 @dataclass(frozen=True)
@@ -249,7 +250,7 @@ class ContextualSearch:
         :param share: of the generation that achieved something
         """
         if share < self.exploration.least_share:
-            self.scale *= self.exploration.widening
+            self.scale = min(self.scale * self.exploration.widening, WIDEST)
 
     def is_due(self, n_rollouts: int) -> bool:
         """Tell whether enough has been rolled out since to learn anew.

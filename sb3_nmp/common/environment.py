@@ -183,7 +183,7 @@ def executable(
     :param n_envs: n
     :param space: of the actions, shape (T, D)
     :param algorithm: its name, for the message
-    :raises AlgorithmContractError: another shape, or no array of numbers
+    :raises AlgorithmContractError: another shape, no array of numbers, or NaN
     """
     shape, found = (n_envs, *space.shape), getattr(proposed, "shape", None)
     if not isinstance(proposed, np.ndarray) or found != shape or proposed.dtype.kind not in "fiu":
@@ -192,6 +192,11 @@ def executable(
             f"{algorithm}._propose returned a {type(proposed).__name__}"
             f"{'' if found is None else f' of {told}'}; it must be an array of numbers of shape "
             f"(n, T, D) = {shape}: a trajectory for each of the members that it is asked for."
+        )
+    if np.isnan(proposed).any():
+        raise AlgorithmContractError(
+            f"{algorithm}._propose returned trajectories with {int(np.isnan(proposed).sum())} NaN; "
+            "none may be sent to an environment."
         )
     return np.clip(proposed, space.low, space.high).astype(np.float32)
 

@@ -9,6 +9,8 @@ from sb3_nmp.common.argument_types import check_types
 from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.settings import settings_name
 
+LEAST_WIDTH = 0.05  # of a basis, in units of the bases' spacing
+
 
 @settings_name("smooth-noise")
 @dataclass(frozen=True)
@@ -43,8 +45,11 @@ class SmoothNoise:
             raise ConfigurationError(f"sigma is {self.sigma!r}; it must be finite and >= 0.")
         if self.n_bases < 2:
             raise ConfigurationError(f"n_bases is {self.n_bases}; at least 2 are needed.")
-        if self.width <= 0:
-            raise ConfigurationError(f"width is {self.width}; it must be > 0.")
+        if not LEAST_WIDTH <= self.width < np.inf:
+            raise ConfigurationError(
+                f"width is {self.width}; it must be > 0, and at least {LEAST_WIDTH}: narrower "
+                "bases leave gaps between them. 1 is usual."
+            )
 
     def bases(self, n_time_points: int) -> NDArray[np.float64]:
         """Return the bases, rows of unit length, shape (T, n_bases).

@@ -139,7 +139,11 @@ class PopulationSearch(SkillSearch):
             "n_candidates": (self.n_candidates >= 1, ">= 1; 1 executes all that are made"),
             "mutation_decay": (0 < self.mutation_decay <= 1, "in (0, 1]"),
             "mutation_rate": (0 < self.mutation_rate <= 1, "in (0, 1]"),
-            "n_explorers": (0 <= self.n_explorers < n, "at least 0 and less than the population"),
+            "n_explorers": (
+                0 <= self.n_explorers < n - (self.n_modes > 1),
+                "at least 0 and less than the population, and with several modes less by 2, for "
+                "one rollout may be a test",
+            ),
             "temperature": (self.temperature > 0, "> 0; math.inf draws all rollouts alike"),
         }
 
@@ -191,9 +195,13 @@ class PopulationSearch(SkillSearch):
             stacklevel=5,
         )
         self.replay_buffer = self._empty_buffer()
-        self._niches, self._n_before = Niches(self.n_modes), self._n_updates
+        self._forget_rollouts()
         self._initial = None if self.demonstrations is None else self.demonstrations.trajectories
         self.policy.ways.forget()
+
+    def _forget_rollouts(self) -> None:
+        super()._forget_rollouts()
+        self._niches, self._n_before = Niches(self.n_modes), self._n_updates
 
     def _first_members(self) -> NDArray[np.float64]:
         """Return the initial trajectories, and mutations of them, shape (N, T, D)."""

@@ -1,7 +1,6 @@
 """`ResumableAlgorithm`: a run that was saved and loaded goes on as if nothing had happened."""
 
 import inspect
-import warnings
 from typing import Any, Self, cast
 
 import numpy as np
@@ -15,11 +14,13 @@ from stable_baselines3.common.vec_env import VecEnv
 from sb3_nmp.common import environment, stream
 from sb3_nmp.common.argument_types import check_types
 from sb3_nmp.common.arguments import check_names, check_seed
-from sb3_nmp.common.exceptions import ConfigurationError, ResumeWarning
+from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.saving import SafeFiles
 
 #: under which names SB3 keeps arguments
 ATTRIBUTES = {"stats_window_size": "_stats_window_size"}
+#: whether the user chose a number, which is not rounded up to the environments then
+GIVEN = {"population_size": "_population_given", "n_contexts": "_n_contexts_given"}
 
 
 class ResumableAlgorithm(SafeFiles):
@@ -117,8 +118,7 @@ class ResumableAlgorithm(SafeFiles):
         if "seed" in given:
             changes["seed"] = check_seed(given["seed"])
         changes |= {ATTRIBUTES[name]: value for name, value in given.items() if name in ATTRIBUTES}
-        if "population_size" in given:
-            changes["_population_given"] = True
+        changes |= {GIVEN[name]: True for name in given if name in GIVEN}
         environment.check_env(env, needed=False)
         made = cast(GymEnv | None, maybe_make_env(cast(GymEnv, env), 0))
         model = super().load(path, made, device, *args, **changes)
@@ -133,19 +133,3 @@ class ResumableAlgorithm(SafeFiles):
     def _made_with(self) -> dict[str, Any]:
         """Return the constructor's arguments that no loading can change, with their values."""
         return {}
-
-
-def warn_of_dropped(done: int, size: int, n_envs: int) -> None:
-    """Warn that a generation begins anew.
-
-    :param done: rollouts of it that were done
-    :param size: of the generation
-    :param n_envs: environments, among which its rest cannot be shared out
-    """
-    warnings.warn(
-        f"{done} of {size} rollouts of a generation were done, and its rest cannot be shared out "
-        f"among {n_envs} environments: it begins anew, without them. Go on with as many "
-        "environments as before to lose none.",
-        ResumeWarning,
-        stacklevel=5,
-    )

@@ -105,7 +105,7 @@ class Generation:
         rewards = np.asarray(rewards, np.float64)
         check_rewards(rewards, contexts)
         keys = [key for key in infos[0] if key.startswith(TERM_PREFIX)]
-        steps = [info.get(STEP_REWARDS) for info in infos]
+        steps = [told_steps(info, trajectories.shape[1]) for info in infos]
         return cls(
             cast(NDArray[np.float32], contexts),
             trajectories,
@@ -124,8 +124,15 @@ class Generation:
         """Join parts in their order.
 
         :param parts: at least one
+        :raises InvalidDataError: their rewards have different terms
         """
         steps = [part.step_rewards for part in parts]
+        for names in ({*part.terms} for part in parts):
+            if names != {*parts[0].terms}:
+                raise InvalidDataError(
+                    f"the reward's terms were {sorted(parts[0].terms)}, and then {sorted(names)}: "
+                    "info['reward_<term>'] must tell the same terms after every rollout."
+                )
         return cls(
             np.concatenate([part.contexts for part in parts]),
             np.concatenate([part.trajectories for part in parts]),
@@ -176,15 +183,37 @@ def told_number(info: dict[str, Any], key: str, default: float | None = None) ->
     :param info: of one rollout
     :param key: that is read
     :param default: where there is none
-    :raises InvalidDataError: it is no single number, or missing where there is no default
+    :raises InvalidDataError: it is no single finite number, or missing where there is no default
     """
     value = np.asarray(info.get(key, default))
-    if value.size != 1 or value.dtype.kind not in "bfiu":
+    if value.size != 1 or value.dtype.kind not in "bfiu" or not np.isfinite(value).all():
         raise InvalidDataError(
             f"info['{key}'] is {info.get(key)!r}; it must be one number or truth value for each "
-            "rollout, or be left out of every info."
+            "rollout, and finite, or be left out of every info."
         )
     return float(value.item())
+
+
+def told_steps(info: dict[str, Any], n_time_points: int) -> NDArray[np.float64] | None:
+    """Return the summands of the reward over time, shape (T,); None where none are told.
+
+    :param info: of one rollout
+    :param n_time_points: T
+    :raises InvalidDataError: another shape, or a value that is not finite
+    """
+    if info.get(STEP_REWARDS) is None:
+        return None
+    steps = np.asarray(info[STEP_REWARDS])
+    if steps.shape != (n_time_points,) or steps.dtype.kind not in "fiu":
+        told = f"has shape {steps.shape} and dtype {steps.dtype}"
+    elif not np.isfinite(steps).all():
+        told = f"is {steps[~np.isfinite(steps)][0]} at time point {np.isfinite(steps).argmin()}"
+    else:
+        return steps.astype(np.float64)
+    raise InvalidDataError(
+        f"info['{STEP_REWARDS}'] {told}; it must be {n_time_points} finite numbers, one for each "
+        "time point, or be left out of every info."
+    )
 
 
 def achieved_contexts(infos: list[dict[str, Any]], context_dim: int) -> NDArray[np.float64] | None:

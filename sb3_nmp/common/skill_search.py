@@ -97,6 +97,14 @@ class SkillSearch(BufferedAlgorithm):
         if self._search is None:
             self._varies = None
 
+    def _misfit(self, n_envs: int) -> str | None:
+        why, pinned = super()._misfit(n_envs), self._pinned_context
+        if why is not None or pinned is None or not self._collected:
+            return why
+        contexts = np.concatenate([part.contexts for part in self._collected])
+        all_there = np.abs(contexts - pinned).max() <= SAME_CONTEXT
+        return "another context is pinned" if all_there and self._is_elsewhere() else None
+
     def _is_elsewhere(self) -> bool:
         """Return whether the environments are in another context than the one that is searched.
 
@@ -213,6 +221,11 @@ class SkillSearch(BufferedAlgorithm):
         seed = int(self.rng.integers(2**31))
         skill.learn(experience, th.Generator().manual_seed(seed))
         search.learned_from = len(buffer)
+
+    def _forget_rollouts(self) -> None:
+        super()._forget_rollouts()
+        if self._search is not None:
+            self._search.example, self._search.since, self._search.learned_from = None, 0, 0
 
     def load_replay_buffer(self, path: AnyPath, truncate_last_traj: bool = True) -> None:
         """Read a replay buffer; its rollouts are remembered as elites too.
