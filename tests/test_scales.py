@@ -1,5 +1,6 @@
 """Results that do not depend on units, and inputs at the edge of what can be learned from."""
 
+import pickle
 from typing import Any
 
 import numpy as np
@@ -141,6 +142,14 @@ def test_the_longest_step_is_where_errors_no_longer_fade(kp: float, kd: float) -
         s = share * longest
         roots = np.roots([1.0, -(1.0 - s * kp + s * kd), s * kd])
         assert (np.abs(roots).max() < 1.0) == fades
+
+
+def test_models_are_pickled_after_they_have_answered() -> None:
+    model = BO("MlpPolicy", envs(), demonstrations=SHOWN, seed=0).learn(4)
+    asked = np.array([[0.3]], np.float32)
+    answer = model.predict(asked, deterministic=True)[0]
+    again = pickle.loads(pickle.dumps(model.policy))
+    np.testing.assert_array_equal(again.predict(asked, deterministic=True)[0], answer)
 
 
 def test_a_single_time_point_cannot_be_filtered() -> None:

@@ -121,7 +121,7 @@ class GaussianSearch(TrajectoryAlgorithm):
         env, n = cast(VecEnv, self.env), self.population_size // self.rollouts_per_context
         drawn = [np.array(self._last_obs, np.float32)]
         while sum(map(len, drawn)) < n:
-            drawn.append(np.array(env.reset(), np.float32))
+            drawn.append(self._reset(env))
         self._last_obs = drawn[-1]
         return np.repeat(np.concatenate(drawn)[:n], self.rollouts_per_context, axis=0)
 

@@ -4,7 +4,7 @@ Shape letters: M known contexts, N asked ones, C context, P values in each.
 """
 
 from collections.abc import Callable
-from typing import Literal, cast, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 import torch as th
@@ -83,6 +83,10 @@ class Refitted:
         check_regression(regression)
         self.regression: Regression = regression
         self._fitted: tuple[th.Tensor, Answer] | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is pickled: functions that answer are fitted again."""
+        return {"regression": self.regression, "_fitted": None}
 
     def on(self, contexts: th.Tensor, values: th.Tensor) -> Answer:
         """Return what answers contexts.
