@@ -196,7 +196,7 @@ def test_a_refused_environment_is_not_learned_in() -> None:
 
 @pytest.mark.parametrize("algorithm", [RCNMP, GA])
 def test_explorers_leave_room_for_a_test_of_two_ways(algorithm: Any) -> None:
-    with pytest.raises(ConfigurationError, match="n_explorers is 7.*less by 2"):
+    with pytest.raises(ConfigurationError, match=r"n_explorers is 7.*less by 2"):
         made(algorithm, envs(pinned=0.5), n_modes=2, n_explorers=7)
     model = made(algorithm, envs(pinned=0.5, tolerance=5.0), n_modes=2, n_explorers=6)
     assert model.learn(40).num_timesteps == 40
