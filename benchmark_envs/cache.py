@@ -1,11 +1,14 @@
 """A bounded cache of values that belong to a context and are costly to make."""
 
+import threading
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
 from benchmark_envs.rollouts import FloatArray
 
 Value = TypeVar("Value")
+#: one for all caches, as making a value may ask another one
+_TURN = threading.RLock()
 
 
 class ContextCache(Generic[Value]):
@@ -31,12 +34,13 @@ class ContextCache(Generic[Value]):
         :param context: shape (C,)
         """
         key = context.tobytes()
-        if key not in self._values:
-            value = self.make(context)
-            if len(self._values) >= self.size:
-                self._values.pop(next(iter(self._values)))
-            self._values[key] = value
-        return self._values[key]
+        with _TURN:
+            if key not in self._values:
+                value = self.make(context)
+                if len(self._values) >= self.size:
+                    self._values.pop(next(iter(self._values)))
+                self._values[key] = value
+            return self._values[key]
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what another process or a copy needs: values are made anew."""

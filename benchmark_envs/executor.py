@@ -1,6 +1,7 @@
 """The batched MuJoCo executor: many open-loop rollouts in C threads."""
 
 import os
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Integral
@@ -49,9 +50,10 @@ class BatchExecutor:
     A rollout may have a model of its own, which differs from that one in numbers alone: it has the
     same elements in the same order, and the same time step.
 
-    Every rollout starts with a zero warm-start, so its outcome depends neither on the batch it is
-    in nor on the number of threads. A divergence shows in the model's ``clock`` sensor: MuJoCo
-    ends a rollout at its first warning and repeats the last reading, so its clock stands still.
+    Threads of a program may share it: they take turns. Every rollout starts with a zero warm-start,
+    so its outcome depends neither on the batch it is in nor on the number of threads. A divergence
+    shows in the model's ``clock`` sensor: MuJoCo ends a rollout at its first warning and repeats
+    the last reading, so its clock stands still.
 
     >>> from benchmark_envs import make_task
     >>> model = make_task("nmp/Push-v0").model
@@ -89,6 +91,7 @@ class BatchExecutor:
         self._data: list[mujoco.MjData] = []
         self._scratch = mujoco.MjData(model)
         self._buffers = [np.empty((0, 0, 0)), np.empty((0, 0, 0))]
+        self._turn = threading.RLock()  # of who uses the scratch memory, which MuJoCo fills
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what another process or a copy needs: threads and scratch memory are made anew."""
@@ -144,7 +147,8 @@ class BatchExecutor:
         for i in range(0, len(states), self.chunk):
             chunk = slice(i, i + self.chunk)
             own = None if models is None else models[chunk]
-            logs.append(self._log(*self._rollout(states[chunk], controls[chunk], own)))
+            with self._turn:
+                logs.append(self._log(*self._rollout(states[chunk], controls[chunk], own)))
         names = logs[0].readings
         return SensorLog(
             readings={name: np.concatenate([log.readings[name] for log in logs]) for name in names},
@@ -159,12 +163,12 @@ class BatchExecutor:
         :param qpos: shape (nq,)
         :return: shape (nstate,)
         """
-        scratch = self._scratch
-        mujoco.mj_resetData(self.model, scratch)
-        scratch.qpos[:] = qpos
         full = mujoco.mjtState.mjSTATE_FULLPHYSICS
         state = np.empty(mujoco.mj_stateSize(self.model, full))
-        mujoco.mj_getState(self.model, scratch, state, full)
+        with self._turn:
+            mujoco.mj_resetData(self.model, self._scratch)
+            self._scratch.qpos[:] = qpos
+            mujoco.mj_getState(self.model, self._scratch, state, full)
         return state
 
     def states(
@@ -178,8 +182,9 @@ class BatchExecutor:
         :return: shape (T, nstate)
         """
         own = None if model is None else [model]
-        every_step = self._rollout(state[None], controls[None], own)[0][0]
-        return every_step[self.substeps - 1 :: self.substeps].copy()
+        with self._turn:
+            every_step = self._rollout(state[None], controls[None], own)[0][0]
+            return every_step[self.substeps - 1 :: self.substeps].copy()
 
     def _log(self, states: NDArray[np.float64], data: NDArray[np.float64]) -> SensorLog:
         n, steps, _ = data.shape

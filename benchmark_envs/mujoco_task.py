@@ -146,7 +146,8 @@ class MujocoTask(Task):
         :raises TaskError: no such camera, or a picture of no size
         """
         contexts = self.check_context(context)[None]
-        followed = self._follow(self.check_trajectories(trajectory))
+        low, high = self.trajectory_space.low, self.trajectory_space.high
+        followed = self._follow(np.clip(self.check_trajectories(trajectory), low, high))
         controls = self._controls(contexts, followed)[0]
         begin, model = self._initial_state(contexts[0]), self._model(contexts[0])
         states = self.executor.states(begin, controls, model)

@@ -104,6 +104,7 @@ class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
             self.context = self.pinned_context
         else:
             self.context = self.task.sample_context(self.np_random)
+        self._prefetched = None  # it was of the context before
         return self.context.astype(np.float32), {}
 
     def step(

@@ -251,7 +251,8 @@ def table(options: argparse.Namespace) -> int:
     (folder / "table.md").write_text(page.markdown(), encoding="utf-8")
     console = Console(highlight=False)
     console.print(page.terminal(console.width))
-    console.print(f"Written: {folder / 'table.md'}, {folder / 'table.csv'}", soft_wrap=True)
+    written = f"Written: {folder / 'table.md'}, {folder / 'table.csv'}"
+    console.print(written, soft_wrap=True, markup=False)
     return 0
 
 
@@ -269,7 +270,7 @@ def _thesis_table(options: argparse.Namespace) -> int:
     path.write_text(page.markdown(), encoding="utf-8")
     console = Console(highlight=False)
     console.print(page.terminal(console.width))
-    console.print(f"Written: {path}", soft_wrap=True)
+    console.print(f"Written: {path}", soft_wrap=True, markup=False)
     return 0
 
 

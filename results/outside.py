@@ -36,14 +36,21 @@ def make_recipe(task: str, algorithms: Sequence[str], modules: Sequence[str]) ->
     :param task: its id
     :param algorithms: see `find_algorithm`
     :param modules: to import first, here and in every worker
-    :raises BenchmarkError: no algorithm, or one that cannot be imported
+    :raises BenchmarkError: no algorithm, one that cannot be imported, or two of one name
     :raises UnknownTaskError: no such task
     """
     if not algorithms:
         raise BenchmarkError(f"--task {task} needs --algorithm, such as --algorithm ga.")
     bring_in(modules, task)
     make_task(task, n_threads=1)
-    found = {label_of(each): each for each in map(find_algorithm, algorithms)}
+    found: dict[str, Algorithm] = {}
+    for algorithm in map(find_algorithm, algorithms):
+        other = found.setdefault(label_of(algorithm), algorithm)
+        if other != algorithm:
+            raise BenchmarkError(
+                f"{other.name} and {algorithm.name} would both be called '{label_of(algorithm)}': "
+                "rename one of the classes, or run them in folders of their own."
+            )
     for algorithm in found.values():
         algorithm.load()
     return Recipe(found, {task: {}}, BUDGET, N_SEEDS, (OneContext(),), imports=tuple(modules))

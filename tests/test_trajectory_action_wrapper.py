@@ -355,3 +355,23 @@ def test_a_controllers_wrong_answer_and_a_missing_reset_are_told() -> None:
     env.step(np.zeros((10, 2)))
     with pytest.raises(TaskError, match=r"call reset\(\) before each step"):
         env.step(np.zeros((10, 2)))
+
+
+class AtTheEnd(Point):
+    """Tells the term of the goal in the last step alone."""
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        seen, reward, ended, cut, info = super().step(action)
+        self.n_steps = getattr(self, "n_steps", 0) + 1
+        info = {"reward_all": reward}
+        if self.n_steps == 3:
+            reward, info = reward - 1.0, info | {"reward_goal": -1.0}
+        return seen, reward, ended, cut, info
+
+
+def test_a_term_that_is_told_at_the_end_alone_counts_nothing_before() -> None:
+    env: Any = TrajectoryActionWrapper(AtTheEnd(), n_time_points=3, context=SOURCE)
+    env.reset(seed=0)
+    _, reward, _, _, info = env.step(np.zeros(env.action_space.shape, np.float32))
+    assert info["reward_goal"] == -1.0
+    assert info["reward_goal"] + info["reward_all"] == pytest.approx(reward)

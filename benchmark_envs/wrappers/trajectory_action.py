@@ -247,9 +247,10 @@ class TrajectoryActionWrapper(gym.Env[Array, Array]):
     def _terms(self, infos: list[Mapping[str, Any]], reward: float) -> dict[str, Any]:
         """Return the reward's terms, if the environment tells some that add up to it."""
         names = [name for name in infos[-1] if name.startswith("reward_")]
-        if not all(np.ndim(info[name]) == 0 for info in infos for name in names):
+        told = [{name: info.get(name, 0.0) for name in names} for info in infos]
+        if not all(np.ndim(term) == 0 for terms in told for term in terms.values()):
             return {}
-        terms = {name: self._return([float(info[name]) for info in infos]) for name in names}
+        terms = {name: self._return([float(each[name]) for each in told]) for name in names}
         return terms if np.isclose(sum(terms.values()), reward, atol=1e-6) else {}
 
     def _return(self, rewards: list[float]) -> float:

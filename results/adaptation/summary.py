@@ -127,7 +127,7 @@ def _numbers(done: pd.DataFrame) -> dict[str, Any]:
     }
     expected = expected_rollouts(rollouts, done["budget"], done["seed"])
     row |= named("expected", ("rollouts", "low", "high"), expected)
-    published = [count for count in done["published"] if count is not None]
+    published = [count for count in done["published"] if pd.notna(count)]
     if published:
         row["solved_within_published"] = int((rollouts <= max(published)).sum())
     errors = [str(name) for name in done if str(name).startswith("error_")]

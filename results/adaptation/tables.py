@@ -55,7 +55,7 @@ def _table(task: str, kind: str, runs: pd.DataFrame, summary: pd.DataFrame) -> T
     errors = errors_in(runs)
     counts = [name.removeprefix("error_") for name in errors]
     allowed = runs["budget"].max()
-    published = [n for n in runs["published"] if n is not None and n <= allowed]
+    published = [n for n in runs["published"] if pd.notna(n) and n <= allowed]
     header = (
         "algorithm",
         "runs",

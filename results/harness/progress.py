@@ -87,7 +87,9 @@ def run_with_progress(plan: Plan, n_workers: int | None, backend: Backend = "pro
         why = "a worker process died (out of memory? then use fewer --workers)"
         return _stopped(plan, why, ALL_FAILED)
     failed = [outcome for outcome in ended if not outcome.record.finished]
-    console.print(f"{len(ended) - len(failed)} of {len(ended)} runs finished: {plan.folder}")
+    console.print(
+        f"{len(ended) - len(failed)} of {len(ended)} runs finished: {plan.folder}", markup=False
+    )
     if failed:
         print(
             f"{len(failed)} of {len(ended)} runs failed; the tracebacks are in "

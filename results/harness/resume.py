@@ -88,7 +88,8 @@ def clear(plan: Plan) -> int:
     """
     finished = [finished_path(plan.folder, run) for run in plan.todo]
     n_finished = sum(path.exists() for path in finished)
-    for path in (*finished, *(failed_path(plan.folder, run) for run in plan.todo)):
+    again = finished if plan.overwrite else []  # others were not there when the plan was made
+    for path in (*again, *(failed_path(plan.folder, run) for run in plan.todo)):
         path.unlink(missing_ok=True)
     return n_finished
 

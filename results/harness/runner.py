@@ -183,14 +183,18 @@ def _failed(run: RunSpecification, origin: Provenance, error: BaseException) -> 
 
 
 def written(run: RunSpecification, folder: Path, record: RunRecord) -> Outcome:
-    """Write a run's file.
+    """Write a run's file; one whose results are no JSON has failed.
 
     :param run: what was run
     :param folder: of the runs
     :param record: what came of it
     """
     path = finished_path(folder, run) if record.finished else failed_path(folder, run)
-    write_record(path, record)
+    try:
+        write_record(path, record)
+    except (TypeError, ValueError) as error:  # such as a reward that is not finite
+        record = _failed(run, record.provenance, error)
+        write_record(failed_path(folder, run), record)
     return Outcome(run, record)
 
 

@@ -82,7 +82,8 @@ def make_suite(
     :param seeds: the recipe's own number of seeds, from 0 on, by default
     :param budget: rollouts of a run; by default the recipe's, or the algorithm's where it has one
     :param labels: the algorithms to run; all by default. Case and punctuation do not matter
-    :raises BenchmarkError: no such algorithm, no seed, or a budget below 1
+    :raises BenchmarkError: no such algorithm, no seed, a budget below 1, or names of which two
+        would be one file's
     """
     chosen = list(recipe.algorithms)
     if labels is not None:
@@ -98,7 +99,23 @@ def make_suite(
         for protocol in recipe.protocols
         for label in dict.fromkeys(chosen)
     ]
+    _check_stems(specifications)
     return Suite(name, tuple(specifications))
+
+
+def _check_stems(specifications: Sequence[RunSpecification]) -> None:
+    """Raise where two runs would be written to one file.
+
+    :raises BenchmarkError: their names differ in case and punctuation alone
+    """
+    known: dict[str, RunSpecification] = {}
+    for run in specifications:
+        other = known.setdefault(run.stem, run)
+        if other is not run:
+            raise BenchmarkError(
+                f"'{other.name}' and '{run.name}' would both be written to '{run.stem}.json': give "
+                "algorithms and variants names that differ in letters a to z or digits."
+            )
 
 
 def _specification(

@@ -147,6 +147,8 @@ def _about_files(
     if row.board != path.parent.name or row.board not in boards:
         yield f"it is in the folder '{path.parent.name}' and says board '{row.board}'"
         return
+    if path != row_path(path.parent.parent, row.board, row.label):
+        yield f"it is the row '{row.label}', which belongs into another file than '{path.name}'"
     if row.label not in boards[row.board].labels:
         yield f"the board has no row '{row.label}'"
         return

@@ -66,9 +66,10 @@ class StudySummary:
 
         :param folder: of the studies
         """
-        path = unfinished_path(study_path(folder, self.plan.suite, self.label))
-        self._write(path)
-        return path
+        finished = study_path(folder, self.plan.suite, self.label)
+        self._write(unfinished_path(finished))
+        finished.unlink(missing_ok=True)  # which is done anew
+        return unfinished_path(finished)
 
     def _write(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -313,4 +314,5 @@ def cost_of(label: str, algorithm: Algorithm, plan: TuningPlan) -> float | None:
             finally:
                 return_memory()
             costs.append(plan.cost(curve))
-    return float(np.mean(costs))
+    mean = float(np.mean(costs))
+    return mean if np.isfinite(mean) else None

@@ -36,6 +36,13 @@ MEANS_TIME = re.compile(
     r"([ _]*[\[(]?(s|ms|secs?|seconds?)[\])]?)?",
     re.IGNORECASE,
 )
+#: names that can mean nothing but which demonstration, or which point of it, a row is of
+MEANS_NUMBER = re.compile(
+    r"((demonstrations?|demos?|episodes?|trajector(y|ies)|trajs?|rollouts?|runs?)"
+    r"([ _]?(ids?|index|indices|numbers?|nr|idx))?"
+    r"|(frame|step|row)s?[ _]?(index|idx|number|nr|id)?)",
+    re.IGNORECASE,
+)
 FloatArray = NDArray[np.float64]
 
 
@@ -115,6 +122,12 @@ def _check_header(path: str, header: list[str]) -> None:
             f"{path} has the column '{times[0]}', which would be a dimension of the trajectory; "
             f"times stand in a column '{TIME}': rename it, or leave it out where points have equal "
             "distances."
+        )
+    numbers = [name for name in header if MEANS_NUMBER.fullmatch(name) and name != NUMBER]
+    if numbers:
+        raise FileFormatError(
+            f"{path} has the column '{numbers[0]}', which would be a dimension of the trajectory; "
+            f"what belongs together is told by a column '{NUMBER}': rename it, or leave it out."
         )
 
 

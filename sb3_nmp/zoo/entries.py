@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, is_dataclass
 from typing import Any
 
+import gymnasium as gym
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_nmp.acnmp import ACNMP
@@ -132,14 +133,14 @@ def demonstrations(given: int | str, env: VecEnv, seed: int | None) -> Demonstra
     :param seed: of the contexts
     :raises ConfigurationError: neither a number nor the name of such a file
     """
-    if isinstance(given, int):
-        spec = env.get_attr("spec")[0]
-        return Demonstrations.from_task(spec.id, given, seed=seed)
-    if str(given).endswith(".csv"):
+    if isinstance(given, str) and given.endswith(".csv"):
         n_steps = env.action_space.shape[0] if env.action_space.shape else None
         return Demonstrations.from_csv(given, n_steps=n_steps)
-    if str(given).endswith(".npz"):
+    if isinstance(given, str) and given.endswith(".npz"):
         return Demonstrations.load(given)
+    if isinstance(given, int) and not isinstance(given, bool):
+        spec = env.get_attr("spec")[0]  # with the settings that the environments have
+        return Demonstrations.from_task(gym.make(spec.id, **spec.kwargs), given, seed=seed)
     raise ConfigurationError(
         f"demonstrations is {given!r}; a number, or a file that ends in .npz or .csv, is needed."
     )
