@@ -81,17 +81,15 @@ def plan_runs(folder: Path, runs: Iterable[RunSpecification], overwrite: bool = 
     return Plan(folder, tuple(todo), tuple(kept), overwrite, tuple(held.unreadable.values()))
 
 
-def clear(plan: Plan) -> int:
-    """Remove finished and failed runs that are to be done again; return how many were finished.
+def clear(plan: Plan) -> None:
+    """Remove failed runs that are to be done again, and finished ones where these are, too.
 
     :param plan: what is to be done
     """
-    finished = [finished_path(plan.folder, run) for run in plan.todo]
-    n_finished = sum(path.exists() for path in finished)
-    again = finished if plan.overwrite else []  # others were not there when the plan was made
-    for path in (*again, *(failed_path(plan.folder, run) for run in plan.todo)):
-        path.unlink(missing_ok=True)
-    return n_finished
+    for run in plan.todo:
+        failed_path(plan.folder, run).unlink(missing_ok=True)
+        if plan.overwrite:  # else it was not there when the plan was made
+            finished_path(plan.folder, run).unlink(missing_ok=True)
 
 
 @contextmanager

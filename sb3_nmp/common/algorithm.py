@@ -179,11 +179,12 @@ class TrajectoryAlgorithm(GenerationAlgorithm):
         environment.check_multiple("the population", self.population_size, env.num_envs)
 
     def set_env(self, env: GymEnv | str, force_reset: bool = True) -> None:
-        """Exchange the environment; see SB3.
+        """Exchange the environment; see SB3. What was begun in the one before is dropped.
 
-        :param env: the new environment; its spaces must be the old one's
+        :param env: the new environment, or the id of one; its spaces must be the old one's
         :param force_reset: reset it before training goes on
-        :raises ConfigurationError: the population does not fit the number of environments
+        :raises ConfigurationError: it is no environment, or the population does not fit the number
+            of environments
         """
         environment.check_env(env, needed=True)
         made = maybe_make_env(cast(GymEnv, env), self.verbose)

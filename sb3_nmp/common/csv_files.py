@@ -127,7 +127,8 @@ def _check_header(path: str, header: list[str]) -> None:
     if numbers:
         raise FileFormatError(
             f"{path} has the column '{numbers[0]}', which would be a dimension of the trajectory; "
-            f"what belongs together is told by a column '{NUMBER}': rename it, or leave it out."
+            f"which demonstration a row is of stands in a column '{NUMBER}', and rows are in the "
+            "order of time: rename it, or leave it out."
         )
 
 

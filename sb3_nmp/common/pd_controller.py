@@ -91,8 +91,8 @@ def _response(
     size = (n - 1) * n_parts + 1
     step, times = step / n_parts, np.linspace(0.0, 1.0, size)
     inputs = np.zeros((size, n + 2))  # columns: tau at each time point, then x(0), then g
-    for column in range(n):
-        inputs[:, column] = np.interp(np.arange(size), n_parts * np.arange(n), np.eye(n)[column])
+    at, known = np.arange(size), n_parts * np.arange(n)
+    inputs[:, :n] = np.stack([np.interp(at, known, unit) for unit in np.eye(n)], axis=1)
     goal = np.zeros(n + 2)
     goal[n + 1] = 1.0
     x = np.zeros((size, n + 2))

@@ -81,16 +81,6 @@ class ResumableAlgorithm(SafeFiles):
         finally:
             self._stream = loaded
 
-    def set_env(self, env: GymEnv | str, force_reset: bool = True) -> None:
-        """Exchange the environment; see SB3.
-
-        :param env: the new environment, or the id of one; its spaces must be the old one's
-        :param force_reset: reset it before training goes on
-        :raises ConfigurationError: it is no environment
-        """
-        environment.check_env(env, needed=True)
-        super().set_env(cast(GymEnv, maybe_make_env(env, self.verbose)), force_reset)
-
     @classmethod
     def load(
         cls,

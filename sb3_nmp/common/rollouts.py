@@ -126,11 +126,11 @@ class Generation:
         :param parts: at least one
         :raises InvalidDataError: their rewards have different terms
         """
-        steps = [part.step_rewards for part in parts]
-        for names in ({*part.terms} for part in parts):
-            if names != {*parts[0].terms}:
+        steps, terms = [part.step_rewards for part in parts], parts[0].terms
+        for part in parts:
+            if part.terms.keys() != terms.keys():
                 raise InvalidDataError(
-                    f"the reward's terms were {sorted(parts[0].terms)}, and then {sorted(names)}: "
+                    f"the reward's terms were {sorted(terms)}, and then {sorted(part.terms)}: "
                     "info['reward_<term>'] must tell the same terms after every rollout."
                 )
         return cls(
@@ -138,7 +138,7 @@ class Generation:
             np.concatenate([part.trajectories for part in parts]),
             np.concatenate([part.rewards for part in parts]),
             np.concatenate([part.successes for part in parts]),
-            {name: np.concatenate([part.terms[name] for part in parts]) for name in parts[0].terms},
+            {name: np.concatenate([part.terms[name] for part in parts]) for name in terms},
             None
             if any(step is None for step in steps)
             else np.concatenate(cast(list[NDArray[np.float64]], steps)),
