@@ -193,10 +193,12 @@ def executable(
             f"{'' if found is None else f' of {told}'}; it must be an array of numbers of shape "
             f"(n, T, D) = {shape}: a trajectory for each of the members that it is asked for."
         )
-    if np.isnan(proposed).any():
+    for row in np.flatnonzero(np.isnan(proposed).any(axis=(1, 2)))[:1]:
+        first = proposed[row]
         raise AlgorithmContractError(
-            f"{algorithm}._propose returned trajectories with {int(np.isnan(proposed).sum())} NaN; "
-            "none may be sent to an environment."
+            f"{algorithm}._propose returned {int(np.isnan(proposed).sum())} NaN: of the {n_envs} "
+            f"asked for, rollout {row + 1} is a trajectory of shape {first.shape}, from "
+            f"{first.min():.4g} to {first.max():.4g}; let no value become nan."
         )
     return np.clip(proposed, space.low, space.high).astype(np.float32)
 
