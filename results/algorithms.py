@@ -143,6 +143,22 @@ def twins(*names: str, **settings: object) -> dict[str, Algorithm]:
     return {f"twin, {name}": twin(name, **settings) for name in names}
 
 
+def without_network(**settings: object) -> dict[str, Algorithm]:
+    """Return rows of RC-NMP's twins in one context, by label, with its settings.
+
+    >>> list(without_network(pd_controller=None))
+    ['GA', 'GA, judged']
+
+    :param settings: constructor arguments: those of the suite's RC-NMP that need no network
+    """
+    return {
+        "GA": replace(GA, settings=settings, pretrained=False),
+        "GA, judged": replace(
+            JUDGED_GA, settings=settings | dict(JUDGED_GA.settings), pretrained=False
+        ),
+    }
+
+
 def hand_tuned(n_bases: int, shaped: float, population_size: int = 1) -> dict[str, Algorithm]:
     """Return rows of ACNMP, and of its nearest twin, with noise that was tuned on a task.
 

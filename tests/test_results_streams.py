@@ -1,5 +1,6 @@
 """Numbers, tables and plots of runs on streams of contexts, and Table 5.1."""
 
+import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,6 +17,7 @@ from results.harness.record_files import read_records
 from results.harness.records import ProtocolRecord, RunRecord
 from results.harness.specification import Algorithm
 from results.harness.suite import Recipe
+from results.leaderboard.boards import BOARDS, DATA
 from results.report.frames import curves_frame
 from results.report.statistics import mean_interval
 from results.stream.evaluation import schedule
@@ -23,7 +25,7 @@ from results.stream.figures import by_seed_on_grid, stream_curves
 from results.stream.protocol import Stream
 from results.stream.summary import frame, summarise
 from results.stream.tables import tables
-from results.suites import find_recipe
+from results.suites import find_recipe, suite_names
 from results.thesis.table_5_1 import table as table_5_1
 from tests.records_fakes import finished_run, specification
 from tests.results_fakes import TARGET_TASK, suite_of, target_task
@@ -124,6 +126,28 @@ def test_a_skill_stands_beside_its_twins(name: str, budget: int, n_test: int, al
     )
     n_evaluations = len(by_rollouts) + 1 + int((by_contexts <= budget).sum())
     assert n_evaluations >= 3 and n_evaluations * n_test <= 2 * budget
+
+
+#: of networks, by what is the same without one
+TWINS = {"sb3_nmp:RCNMP": "baselines:GA", "sb3_nmp:ACNMP": "baselines:BO"}
+#: suites that compare a network with itself: the suites they belong to have the twins
+WITHIN = {"aperture-ablations", "assimilation"}
+
+
+@pytest.mark.parametrize("suite", sorted({*suite_names()} - WITHIN))
+def test_no_network_stands_in_a_suite_without_its_twin(suite: str):
+    paths = {each.path for each in find_recipe(suite).algorithms.values()}
+    assert {TWINS[path] for path in paths if path in TWINS} <= paths
+
+
+@pytest.mark.parametrize("name", BOARDS)
+def test_no_network_stands_on_a_board_without_its_twin(name: str):
+    """What is committed is told, not what could be made."""
+    rows = [json.loads(path.read_text())["row"] for path in (DATA / name).glob("*.json")]
+    named = {network.split(":")[1].lower(): twin for network, twin in TWINS.items()}
+    algorithms = {row["algorithm"] for row in rows}
+    wanted = {named[each].split(":")[1].lower() for each in algorithms if each in named}
+    assert len(rows) >= 5 and wanted <= algorithms
 
 
 def test_fewer_evaluations_are_another_protocol():

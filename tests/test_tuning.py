@@ -111,8 +111,8 @@ def test_what_a_suite_tunes_with_demonstrations_is_accepted(suite: str) -> None:
     plan = TuningPlan.of(suite, recipe, [1000], 2)
     (task_id,) = recipe.tasks
     shown = Demonstrations.from_task(task_id, TuningContext(0).split(task_id)[0][:3])
-    tuned = {"ACNMP", "twin, nearest", "CMA-ES context", "ProMP+RL (Stark)", "ProMP+RL (Ewerton)"}
-    for label in tuned:
+    shown_some = {"ACNMP", "twin, nearest", "CMA-ES context"}
+    for label in {*shown_some, "ProMP+RL (Stark)", "ProMP+RL (Ewerton)", "REPS", "RC-NMP", "GA"}:
         algorithm = recipe.algorithms[label]
         space = study.space_of(algorithm, plan)
         assert 1 <= len(space) <= 4
@@ -120,6 +120,28 @@ def test_what_a_suite_tunes_with_demonstrations_is_accepted(suite: str) -> None:
             chosen = {name: values(what)[end] for name, what in space.items()}
             settings = with_settings(algorithm, chosen).settings
             algorithm.load()("MlpPolicy", task_id, demonstrations=shown, **settings)
+
+
+@pytest.mark.parametrize("label", ["REPS", "DREPS", "RC-NMP", "GA", "GA, judged"])
+def test_populations_that_are_tuned_fit_the_budget(label: str) -> None:
+    """With 18 rollouts REPS was once tuned over populations of 10 to 30: its own 9 stayed best."""
+    recipe = find_recipe("pouring")
+    declared = study.space_of(recipe.algorithms[label], PLAN)
+    short = TuningPlan.of("pouring", recipe, [1000], 2)
+    tuned = study.space_of(recipe.algorithms[label], short)
+    assert declared["population_size"] == recipe.algorithms[label].load().tunable["population_size"]
+    assert tuned == {**declared, "population_size": Choice((3, 4, 6, 9))}
+    longer = replace(short, budget=100)
+    assert study.space_of(recipe.algorithms[label], longer) == declared
+
+
+@pytest.mark.parametrize("budget", [8, 31, 32, 40, 1000])
+def test_declared_populations_stay_where_two_of_them_fit(budget: int) -> None:
+    recipe = find_recipe("pouring")
+    plan = replace(TuningPlan.of("pouring", recipe, [1000], 2), budget=budget)
+    tuned = values(study.space_of(recipe.algorithms["REPS"], plan)["population_size"])
+    assert tuned == ([10, 16, 20, 30] if budget >= 32 else tuned)
+    assert min(tuned) >= 2 and sorted(tuned)[1] <= budget / 2
 
 
 def test_a_trial_costs_what_the_measure_says() -> None:

@@ -15,9 +15,10 @@ from results.algorithms import (
     thesis_acnmp,
     twin,
     twins,
+    without_network,
 )
 from results.harness.suite import Recipe
-from results.suites.push import RCNMP_FREE
+from results.suites.push import FREE, RCNMP_FREE
 from results.tuning.contexts import tuning_contexts
 
 ALGORITHMS = {
@@ -34,6 +35,7 @@ ALGORITHMS = {
     "ProMP+RL (Ewerton)": replace(EWERTON, settings={"population_size": 4}),
     "REPS": replace(REPS, settings={"population_size": 10}),
     "RC-NMP": RCNMP_FREE,
+    **without_network(**FREE),
 }
 TASKS: dict[str, dict[str, object]] = {"nmp/PickAndPlace-v1": {}}
 PROTOCOLS = tuple(Extrapolation(target) for target in range(len(EXTRAPOLATION_CONTEXTS)))

@@ -16,11 +16,14 @@ from results.algorithms import (
     thesis_acnmp,
     twin,
     twins,
+    without_network,
 )
 from results.harness.suite import Recipe
-from results.suites.push import RCNMP_FREE
+from results.suites.push import FREE, RCNMP_FREE
 from results.tuning.contexts import tuning_contexts
 
+#: of RC-NMP and its twins: three generations in all
+SMALL: dict[str, object] = {"population_size": 6, "n_crossover": 2}
 ALGORITHMS = {
     "ACNMP": ACNMP,
     "ACNMP, sum alone": replace(ACNMP, settings=SUM_ALONE),
@@ -33,9 +36,8 @@ ALGORITHMS = {
     "ProMP+RL (Ewerton)": replace(EWERTON, settings={"population_size": 9}),
     "REPS": replace(REPS, settings={"population_size": 9}),
     "DREPS": replace(DREPS, settings={"population_size": 9}),
-    "RC-NMP": replace(
-        RCNMP_FREE, settings={"pd_controller": None, "population_size": 6, "n_crossover": 2}
-    ),
+    "RC-NMP": replace(RCNMP_FREE, settings=FREE | SMALL),
+    **without_network(**FREE, **SMALL),
 }
 TASKS: dict[str, dict[str, object]] = {"nmp/Pouring-v1": {}}
 PROTOCOLS = tuple(Extrapolation(target) for target in range(len(EXTRAPOLATION_CONTEXTS)))

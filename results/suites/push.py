@@ -18,6 +18,7 @@ from results.algorithms import (
     thesis_acnmp,
     twin,
     twins,
+    without_network,
 )
 from results.harness.suite import Recipe
 from results.tuning.contexts import tuning_contexts
@@ -26,7 +27,8 @@ from sb3_nmp import ACNMPExploration
 #: of the network's own search: nearly all of the noise is like the demonstrations
 EXPLORATION = ACNMPExploration.preset("push")
 #: the PD controller would pull every trajectory to the demonstrations' mean end
-RCNMP_FREE = replace(RCNMP, settings={"pd_controller": None}, pretrained=False)
+FREE: dict[str, object] = {"pd_controller": None}
+RCNMP_FREE = replace(RCNMP, settings=FREE, pretrained=False)
 CMAES_CONTEXT = replace(CMAES, settings={"n_bases": 4, "context_std": 0.3, "shaped": 0.99})
 ALGORITHMS = {
     "ACNMP": ACNMP,
@@ -46,6 +48,7 @@ ALGORITHMS = {
     "ProMP+RL (Ewerton)": replace(EWERTON, budget=400),
     "REPS": replace(REPS, budget=400),
     "RC-NMP": RCNMP_FREE,
+    **without_network(**FREE),
 }
 TASKS: dict[str, dict[str, object]] = {"nmp/Push-v0": {}}
 PROTOCOLS = tuple(LeaveOneOut(t, t in EXTRAPOLATION_TARGETS) for t in range(len(TARGETS)))

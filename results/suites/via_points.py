@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from results.algorithms import ACNMP, CMAES, DREPS, GA, JUDGED_GA, RCNMP, REPS
+from results.algorithms import ACNMP, CMAES, DREPS, GA, JUDGED_GA, RCNMP, REPS, twin
 from results.harness.specification import Algorithm
 from results.harness.suite import Recipe
 from results.one_context.protocol import OneContext
@@ -12,6 +12,7 @@ from sb3_nmp import (
     ACNMPExploration,
     RCNMPRewardModel,
     RCNMPTraining,
+    ShapedExploration,
     SmoothNoise,
 )
 
@@ -66,6 +67,15 @@ ALGORITHMS = {
         "policy gradient, Eq. 5.2",
         search="policy",
         adaptation=replace(ACNMPAdaptation.preset("to_go"), supervised=False, n_training_steps=10),
+    ),
+    "ACNMP's twin, nearest": replace(
+        twin(
+            "nearest",
+            exploration=ShapedExploration(n_bases=15, shaped=0.5),
+            population_size=10,
+            critic=ACNMPCritic(pull=0.0),
+        ),
+        shown_initial=True,
     ),
     "GA": replace(GA, settings=OF_GA),
     "GA, judged": replace(JUDGED_GA, settings=OF_GA | dict(JUDGED_GA.settings)),

@@ -260,13 +260,21 @@ def unfinished_path(path: Path) -> Path:
 def space_of(algorithm: Algorithm, plan: TuningPlan) -> SearchSpace:
     """Return what is tuned of an algorithm: more where it is shown demonstrations.
 
+    Where the budget is too short for two generations of at least two of its populations, smaller
+    ones stand in their place: two to six generations.
+
     :param algorithm: as the suite has it
     :param plan: what is equal for all
     """
     kind = algorithm.load()
     shown = plan.protocols != (OneContext(),)
     more = getattr(kind, "tunable_with_demonstrations", {}) if shown else {}
-    return {**getattr(kind, "tunable", {}), **more}
+    space = {**getattr(kind, "tunable", {}), **more}
+    population = space.get("population_size")
+    if isinstance(population, Choice) and sorted(population.values)[1:2] > [plan.budget // 2]:
+        fitting = sorted({max(2, plan.budget // n) for n in (6, 4, 3, 2)})
+        space["population_size"] = Choice(tuple(fitting))
+    return space
 
 
 def suggest(trial: "optuna.Trial", name: str, what: object) -> Value:
