@@ -142,6 +142,8 @@ def test_declared_populations_stay_where_two_of_them_fit(budget: int) -> None:
     tuned = values(study.space_of(recipe.algorithms["REPS"], plan)["population_size"])
     assert tuned == ([10, 16, 20, 30] if budget >= 32 else tuned)
     assert min(tuned) >= 2 and sorted(tuned)[1] <= budget / 2
+    least = study.space_of(recipe.algorithms["REPS"], replace(plan, budget=5))
+    assert values(least["population_size"]) == [10, 16, 20, 30], "no two populations fit"
 
 
 def test_a_trial_costs_what_the_measure_says() -> None:

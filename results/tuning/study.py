@@ -270,10 +270,12 @@ def space_of(algorithm: Algorithm, plan: TuningPlan) -> SearchSpace:
     shown = plan.protocols != (OneContext(),)
     more = getattr(kind, "tunable_with_demonstrations", {}) if shown else {}
     space = {**getattr(kind, "tunable", {}), **more}
-    population = space.get("population_size")
-    if isinstance(population, Choice) and sorted(population.values)[1:2] > [plan.budget // 2]:
-        fitting = sorted({max(2, plan.budget // n) for n in (6, 4, 3, 2)})
-        space["population_size"] = Choice(tuple(fitting))
+    declared = space.get("population_size")
+    if isinstance(declared, Choice):
+        fitting = [n for n in declared.values if isinstance(n, int) and 2 * n <= plan.budget]
+        smaller = sorted({max(2, plan.budget // n) for n in (6, 4, 3, 2)})
+        if len(fitting) < 2 <= len(smaller):
+            space["population_size"] = Choice(tuple(smaller))
     return space
 
 
