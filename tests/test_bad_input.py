@@ -20,7 +20,7 @@ from benchmark_envs import (
     leave_one_out,
     make_task,
 )
-from sb3_nmp import ACNMP, RCNMP, CNMPPretraining, Demonstrations, SmoothNoise
+from sb3_nmp import ACNMP, RCNMP, ACNMPAdaptation, CNMPPretraining, Demonstrations, SmoothNoise
 from sb3_nmp.common.buffer import TrajectoryBuffer
 from tests.registry import DEMONSTRATIONS, ENV_ID
 from tests.test_environment_faces import Plain
@@ -156,6 +156,10 @@ BAD: dict[str, tuple[Call, tuple[str, ...]]] = {
         lambda _: made(population_size="20"), ("population_size is '20'", "a whole number"),
     ),
     "half a rollout": (lambda _: made(population_size=2.5), ("is 2.5", "a whole number")),
+    "one rollout compared with itself": (
+        lambda _: made(ACNMP, demonstrations=SHOWN, adaptation=ACNMPAdaptation.preset("to_go")),
+        ("advantage='to_go'", "of advantage 'place' where the population_size is 1"),
+    ),
     "no rollouts": (lambda _: made(population_size=0), ("population_size is 0", ">= 2")),
     "a population that does not fit": (
         lambda _: made(env=DummyVecEnv([Plain] * 3), population_size=4),

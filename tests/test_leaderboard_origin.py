@@ -189,6 +189,17 @@ def test_an_algorithm_that_cannot_be_imported_is_told_and_no_problem(
     assert "GA needs a package" in verdict.unchecked[-1]
 
 
+def test_changes_are_unknown_where_git_does_not_tell(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A status that takes too long, or fails, is no clean one."""
+    monkeypatch.setattr(provenance_module, "is_own_repository", lambda: True)
+    answers = {("rev-parse", "HEAD"): "c" * 40}
+    monkeypatch.setattr(provenance_module, "git", lambda *asked: answers.get(asked))
+    assert provenance().dirty is None
+    for told, dirty in (("", False), (" M sb3_nmp/agent.py", True)):
+        answers["status", "--porcelain"] = told
+        assert provenance().dirty is dirty
+
+
 def test_every_committed_row_can_be_looked_up_in_a_full_clone() -> None:
     if provenance().commit is None:
         pytest.skip("this copy has no history")

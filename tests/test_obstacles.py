@@ -145,3 +145,12 @@ def test_the_scene_holds_the_ellipses_and_the_via_point(task: Task) -> None:
     np.testing.assert_allclose(
         [[*each["center"], *each["radii"]] for each in scene["ellipses"]], ALL
     )
+
+
+def test_no_curve_earns_less_than_the_worst(task: Task) -> None:
+    """The limit as the action space has it, in float32, is a little beyond the one in metres."""
+    worst, best = task.reward_range
+    lowest = np.full((1, *task.trajectory_space.shape), task.trajectory_space.low.min())
+    context = np.array([task.context_space.low[0], 1.0])
+    rewards = task.simulate(context, np.concatenate([lowest, -lowest])).rewards
+    assert worst == rewards.min() and rewards.max() <= best

@@ -246,3 +246,24 @@ def test_episodes_with_many_steps_become_trajectories() -> None:
         Demonstrations.from_minari(Recorded(named=True), n_steps=3)
     with pytest.raises(InvalidDataError, match="arrays without names"):
         Demonstrations.from_minari(Recorded(named=False), n_steps=3, context="desired_goal")
+
+
+@pytest.mark.parametrize(
+    ("names", "context_names", "told"),
+    [
+        (["q1", "time"], None, "names .'time'.; each column"),
+        (["a,b", "q2"], None, "'a,b' cannot name a column"),
+        (["q1 ", "q2"], None, "'q1 ' cannot name a column"),
+        (["q1", "context_z"], None, "read as 2 entries of the context and 1 dimensions; the data"),
+        (["q1"], None, "read as 1 entries of the context and 1 dimensions; the data have 1 and 2"),
+        (None, ["x", "y"], "read as 2 entries"),
+        (["step", "q2"], None, "has the column 'step', which would be a dimension"),
+    ],
+)
+def test_names_that_would_not_be_read_are_not_written(
+    names: list[str] | None, context_names: list[str] | None, told: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "x.csv"
+    with pytest.raises((FileFormatError, InvalidDataError), match=told):
+        write_csv(path, [[0.5]], np.zeros((1, 3, 2)), [0, 1, 2], names, context_names)
+    assert not path.exists()

@@ -204,6 +204,11 @@ def test_the_permutation_test_is_wrong_as_often_as_it_says(together: bool) -> No
     assert shares == pytest.approx([0.05, 0.2, 0.5], abs=0.045)
 
 
+def test_a_value_that_is_no_number_has_no_rank():
+    with pytest.raises(BenchmarkError, match="a value is NaN, which has no rank"):
+        permutation_p([([1.0, np.nan], [2.0, 3.0])])
+
+
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=6), st.floats(0.001, 0.999))
 @settings(max_examples=60, deadline=None)
 def test_holm_rejects_what_the_closed_test_rejects(p: list[float], level: float) -> None:

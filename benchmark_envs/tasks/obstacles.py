@@ -83,7 +83,7 @@ class ObstaclesTask(Task):
     @property
     def reward_range(self) -> tuple[float, float]:
         """The via-point at one limit and the curve at the other; and the via-point met."""
-        return -(1.0 + Y_LIMIT), 0.0
+        return -(1.0 + float(self.trajectory_space.high.max())), 0.0
 
     def _draw_context(self, rng: np.random.Generator) -> FloatArray:
         """Draw a via-point of the left hump among the demonstrations, shape (2,).

@@ -26,9 +26,10 @@ PACKAGES = (
 def provenance() -> Provenance:
     """Return the commit of this code (None outside its repository), versions, platform and date."""
     commit = git("rev-parse", "HEAD") if is_own_repository() else None
+    changed = git("status", "--porcelain") if commit else None
     return Provenance(
         commit=commit,
-        dirty=bool(git("status", "--porcelain")) if commit else None,
+        dirty=None if changed is None else bool(changed),
         packages={name: _version(name) for name in PACKAGES},
         python=platform.python_version(),
         platform=platform.platform(),

@@ -43,8 +43,8 @@ class ACNMP(SearchingAlgorithm):
     satisfactory, a search begins. (VI) Rollouts explore in smooth noise that is shaped like the
     demonstrations, and in directions of their latent space if these are asked for
     (`ACNMPExploration`). (VII) The network is trained on these rollouts by policy gradient (Eq.
-    5.2) and on the demonstrations by likelihood (Eq. 4.1) in alternating steps. (VIII) A solved
-    context is assimilated: its trajectory joins the demonstrations.
+    5.2) and on the demonstrations by likelihood (Eq. 4.1) in turns. (VIII) A solved context is
+    assimilated: its trajectory joins the demonstrations.
 
     With ``search="policy"`` the network drives the search, as in the thesis: each generation is
     drawn around its present answer. With ``search="critic"``, the default, a Gaussian process
@@ -127,8 +127,11 @@ class ACNMP(SearchingAlgorithm):
         return frozenset(told)
 
     def _rules(self) -> Rules:
-        known = self.search in get_args(SearchKind)
-        return {"search": (known, "'critic' or 'policy'"), **super()._rules()}
+        return {
+            "search": (self.search in get_args(SearchKind), "'critic' or 'policy'"),
+            "adaptation": self.adaptation.rule_for(self.population_size),
+            **super()._rules(),
+        }
 
     # -- learning from demonstration (I) -------------------------------------------------------
 
@@ -280,14 +283,13 @@ class ACNMP(SearchingAlgorithm):
     def _end_learning(self) -> None:
         """Bring the network's own answer to what a critic has found in a pinned context.
 
-        On the way it needs only follow. Batches come from a copy of the generator, and the critic
-        does not ask the network, so a search that goes on does not depend on this. The learning
-        rate is a schedule's first one, since many end at 0.
+        Batches come from a copy of the generator, and the critic does not ask the network: a search
+        that goes on does not depend on this. The rate is a schedule's first one: many end at 0.
         """
         found = [
-            each
-            for each in self.searches
-            if isinstance(each.search, CriticSearch) and each.search.has_succeeded
+            s
+            for s in self.searches
+            if isinstance(s.search, CriticSearch) and s.search.has_succeeded
         ]
         n_steps = self.adaptation.n_final_steps
         if self._pinned and found and self.adaptation.imitates and n_steps:
@@ -308,14 +310,12 @@ class ACNMP(SearchingAlgorithm):
     def _teaches(self, searched: ContextSearch) -> bool:
         """Return whether the network learns from a search by policy gradient now.
 
-        A network that drives the search always does. Beside a critic it does in a pinned context,
-        now and then. Among drawn contexts it learns from what solved them, for the best of bad
-        rollouts in a few contexts would move its answers in all others.
+        One that drives the search always does; beside a critic now and then in a pinned context,
+        but not among drawn ones: the best of bad rollouts would move its answers elsewhere.
         """
-        search = searched.search
-        if isinstance(search, PolicySearch):
+        if isinstance(searched.search, PolicySearch):
             return True
-        return self._pinned and cast(CriticSearch, search).is_to_be_taught
+        return self._pinned and cast(CriticSearch, searched.search).is_to_be_taught
 
     def _sampler(self, rng: np.random.Generator) -> PointSampler:
         cnmp, known = self.policy.cnmp, self.training_set()

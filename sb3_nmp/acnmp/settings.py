@@ -116,6 +116,19 @@ class ACNMPAdaptation(Presets):
         for advantage in ("to_go", "step")
     }
 
+    def rule_for(self, n_rollouts: int) -> tuple[bool, str]:
+        """Return whether a generation has a policy gradient, and what has one.
+
+        Advantages but ``"place"`` are centred over one generation: that of one rollout is 0.
+
+        :param n_rollouts: of a generation
+        """
+        has = n_rollouts > 1 or self.advantage == "place" or self.n_training_steps == 0
+        return has, (
+            f"of advantage 'place' where the population_size is 1: '{self.advantage}' compares the "
+            "rollouts of a generation"
+        )
+
     def __post_init__(self) -> None:
         """Check the values."""
         known, others = get_args(Advantage), {**vars(self)}

@@ -204,6 +204,24 @@ class _Columns:
         return value
 
 
+def _check_names(path: str, header: list[str], n_entries: int, n_dimensions: int) -> None:
+    """Raise unless a header's columns would be read as context entries and dimensions."""
+    bent = [name for name in header if name != name.strip() or set(name) & set(',"\r\n')]
+    if bent:
+        raise InvalidDataError(
+            f"{bent[0]!r} cannot name a column of {path}; a name has no comma, no quotation mark "
+            "and no line break, and no space at its ends."
+        )
+    read = _Columns(path, header)
+    if (len(read.contexts), len(read.dimensions)) != (n_entries, n_dimensions):
+        raise InvalidDataError(
+            f"the columns {', '.join(header)} of {path} would be read as {len(read.contexts)} "
+            f"entries of the context and {len(read.dimensions)} dimensions; the data have "
+            f"{n_entries} and {n_dimensions}. Give a name for each, and let no dimension's begin "
+            f"with '{CONTEXT}'."
+        )
+
+
 def write_csv(
     path: str | PathLike[str],
     contexts: ArrayLike,
@@ -220,11 +238,15 @@ def write_csv(
     :param times: of the time points, shape (T,)
     :param names: of the dimensions; ``q1`` and so on by default
     :param context_names: of the task parameters; ``1`` and so on by default
+    :raises InvalidDataError: names of another number, or that would not be read as they are
+    :raises FileFormatError: names that `read_csv` would refuse
     """
     told, shown = np.asarray(contexts), np.asarray(trajectories)
     dimensions = list(names or (f"q{i + 1}" for i in range(shown.shape[2])))
     entries = list(context_names or (str(i + 1) for i in range(told.shape[1])))
-    lines = [[NUMBER, TIME, *(f"{CONTEXT}_{name}" for name in entries), *dimensions]]
+    header = [NUMBER, TIME, *(f"{CONTEXT}_{name}" for name in entries), *dimensions]
+    _check_names(str(path), header, told.shape[1], shown.shape[2])
+    lines = [header]
     for number, (context, trajectory) in enumerate(zip(told, shown, strict=True), start=1):
         for time, point in zip(np.asarray(times), trajectory, strict=True):
             numbers = [float(time), *map(float, context), *map(float, point)]

@@ -87,10 +87,13 @@ def permutation_p(
     :param seed: of the dealing
     :param together: rank the values of all strata together, so that it counts how far apart those
         of a stratum are: a pair alone would else tell which one is better, and no more
+    :raises BenchmarkError: a value that is no number, which has no rank
     """
     rng = np.random.default_rng(seed)
     observed, permuted = 0.0, np.zeros(n_permutations)
     pooled = [np.concatenate([np.asarray(x, float), np.asarray(y, float)]) for x, y in strata]
+    if any(np.isnan(values).any() for values in pooled):
+        raise BenchmarkError("a value is NaN, which has no rank; leave such runs out, and say so.")
     ends = np.cumsum([len(values) for values in pooled])[:-1]
     ranked = np.split(rankdata(np.concatenate(pooled)), ends) if together else map(rankdata, pooled)
     for (ours, _), found in zip(strata, ranked, strict=True):
