@@ -12,7 +12,7 @@ from benchmark_envs import make_task
 from benchmark_envs.tasks.bottles import BOTTLES
 from sb3_nmp import RCNMP, ConfigurationError, RCNMPTraining
 from sb3_nmp.common.buffer import TrajectoryBuffer
-from sb3_nmp.common.niches import Niches, View, midway
+from sb3_nmp.common.niches import Niches, View, _shares, midway
 
 ENV_ID = "nmp/Bottles-v0"
 INITIAL = np.zeros((10, 1))
@@ -164,6 +164,17 @@ def test_members_are_shared_out_and_each_sees_its_own_way() -> None:
     assert not views[2].successes.any()
     niches.n_modes = 2
     assert [view.n for view in niches.views(buffer, INITIAL, 19, 6)] == [10, 9]
+
+
+def test_a_way_has_the_more_members_the_fewer_rollouts_it_has_had() -> None:
+    niches = Niches(2)
+    buffer = rollouts((-1.0, -1.5, True), *[(1.0 + i / 100, -1.0, True) for i in range(8)])
+    niches.best, niches.born = [1, 0], [0, 4]
+    seen = {view.way: view.n for view in niches.views(buffer, INITIAL, 18, 6)}
+    assert seen == {0: 2, 1: 16}, "1 to 8"
+    assert [view.way for view in niches.views(buffer, INITIAL, 4, 6)] == [1], "none is left"
+    assert [sum(_shares(n, [3, 40, 7])) for n in range(30)] == list(range(30))
+    assert _shares(10, [0, 5]) == [8, 2], "a way whose rollouts are others' now counts as one"
 
 
 def passes_at_larger_x(trajectories: NDArray[np.floating]) -> NDArray[np.bool_]:

@@ -144,6 +144,9 @@ class Niches:
     ) -> list[View]:
         """Share the members of a generation out: half of them look for ways that are missing.
 
+        A way has the more of the others, the fewer rollouts it has had: the first one found would
+        else stay ahead, by all those of before the second was.
+
         :param buffer: all rollouts so far
         :param initial: shape (T, D)
         :param n: members
@@ -153,7 +156,7 @@ class Niches:
             return [View(buffer.rewards, buffer.successes, n, generation)]
         labels = self.labels(buffer, initial)
         n_new = n // 2 if len(self.best) < self.n_modes else 0
-        shares = [len(part) for part in np.array_split(np.arange(n - n_new), len(self.best))]
+        shares = _shares(n - n_new, [int((labels == k).sum()) for k in range(len(self.best))])
         views = [
             _view(buffer, labels == k, share, generation - self.born[k], way=k)
             for k, share in enumerate(shares)
@@ -203,6 +206,13 @@ class Niches:
                 nearest = int(distances.argmin())
                 return min(nearest, way), max(nearest, way)
         return None
+
+
+def _shares(n: int, n_rollouts: list[int]) -> list[int]:
+    """Return how many of n members each way has, in inverse proportion to its rollouts so far."""
+    weights = 1.0 / np.maximum(n_rollouts, 1)
+    ends = np.floor(n * weights.cumsum() / weights.sum() + 0.5).astype(int)
+    return np.diff(ends, prepend=0).tolist()
 
 
 def midway(one: NDArray[np.floating], other: NDArray[np.floating]) -> FloatArray:

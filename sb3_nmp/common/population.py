@@ -70,7 +70,8 @@ class PopulationSearch(SkillSearch):
     :param buffer_size: rollouts kept; None keeps all
     :param n_elites: best rollouts that a full buffer never drops
     :param n_modes: ways to do the task that are looked for in one context; with several, half of a
-        generation looks for those missing, and the others are shared out among those found
+        generation looks for those missing, and of the others a way found has the more, the
+        fewer rollouts it has had
     """
 
     def __init__(
