@@ -251,7 +251,8 @@ def test_assimilation_does_not_put_off_the_policy_gradient(
 ) -> None:
     """By step a new solution is assimilated each time; only the gradient's own steps count."""
     env, adaptation = Higher(float(GOAL[0]), tolerance=9.0), ACNMPAdaptation.preset("step")
-    model = begun(demonstrations, pretrained, env, adaptation=adaptation).learn(20)
+    settings: Any = {"adaptation": adaptation, "population_size": 2}
+    model = begun(demonstrations, pretrained, env, **settings).learn(20)
     search = model.searches[0].search
     assert isinstance(search, CriticSearch)
     search.n_taught = before = len(search.points) - 1
