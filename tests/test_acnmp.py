@@ -570,7 +570,7 @@ def test_the_loss_has_the_policy_gradient() -> None:
     "settings",
     [
         {},
-        {"search": "policy", "adaptation": ACNMPAdaptation.preset("to_go")},
+        {"search": "policy", "adaptation": ACNMPAdaptation.preset("to_go"), "population_size": 5},
         {"adaptation": ACNMPAdaptation(supervised=False)},
     ],
     ids=["critic", "policy gradient", "RL only"],
