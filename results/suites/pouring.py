@@ -23,7 +23,7 @@ from results.suites.push import FREE, RCNMP_FREE
 from results.tuning.contexts import tuning_contexts
 
 #: of RC-NMP and its twins: three generations in all
-SMALL: dict[str, object] = {"population_size": 6, "n_crossover": 2}
+SMALL = FREE | {"population_size": 6, "n_crossover": 2}
 ALGORITHMS = {
     "ACNMP": ACNMP,
     "ACNMP, sum alone": replace(ACNMP, settings=SUM_ALONE),
@@ -36,8 +36,8 @@ ALGORITHMS = {
     "ProMP+RL (Ewerton)": replace(EWERTON, settings={"population_size": 9}),
     "REPS": replace(REPS, settings={"population_size": 9}),
     "DREPS": replace(DREPS, settings={"population_size": 9}),
-    "RC-NMP": replace(RCNMP_FREE, settings=FREE | SMALL),
-    **without_network(**FREE, **SMALL),
+    "RC-NMP": replace(RCNMP_FREE, settings=SMALL),
+    **without_network(**SMALL),
 }
 TASKS: dict[str, dict[str, object]] = {"nmp/Pouring-v1": {}}
 PROTOCOLS = tuple(Extrapolation(target) for target in range(len(EXTRAPOLATION_CONTEXTS)))

@@ -19,8 +19,9 @@ from sb3_nmp import (
 #: bases of smooth deviations: a curve through six points bends more often than other tasks' paths;
 #: each method's number was chosen among a few (results/experiments/via_points.md)
 NARROW = 20
-#: of ACNMP
-EXPLORATION = ACNMPExploration(n_bases=15, shaped=0.5)
+#: of ACNMP and its twin
+N_BASES, SHAPED, UNPULLED = 15, 0.5, ACNMPCritic(pull=0.0)
+EXPLORATION = ACNMPExploration(n_bases=N_BASES, shaped=SHAPED)
 SHOWN_A_LINE = "its one demonstration is the initial trajectory"
 
 
@@ -60,7 +61,7 @@ ALGORITHMS = {
     "RC-NMP": replace(RCNMP, settings=OF_RCNMP),
     "RC-NMP without crossover": replace(RCNMP, settings=OF_RCNMP | {"n_crossover": 0}),
     "RC-NMP without mutation": replace(RCNMP, settings=FIRST_NOISE_ONLY),
-    "ACNMP": acnmp("Bayesian optimisation around the network", critic=ACNMPCritic(pull=0.0)),
+    "ACNMP": acnmp("Bayesian optimisation around the network", critic=UNPULLED),
     # no supervised learning between its steps: it would pull the answer back to the flat line; and
     # fewer steps than the preset has, for more of them leave the data (via_points.md)
     "ACNMP, policy gradient": acnmp(
@@ -71,10 +72,11 @@ ALGORITHMS = {
     "ACNMP's twin, nearest": replace(
         twin(
             "nearest",
-            exploration=ShapedExploration(n_bases=15, shaped=0.5),
+            exploration=ShapedExploration(n_bases=N_BASES, shaped=SHAPED),
             population_size=10,
-            critic=ACNMPCritic(pull=0.0),
+            critic=UNPULLED,
         ),
+        description=f"ACNMP's search around the nearest demonstration; {SHOWN_A_LINE}",
         shown_initial=True,
     ),
     "GA": replace(GA, settings=OF_GA),

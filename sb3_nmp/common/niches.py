@@ -156,9 +156,10 @@ class Niches:
             return [View(buffer.rewards, buffer.successes, n, generation)]
         labels = self.labels(buffer, initial)
         n_new = n // 2 if len(self.best) < self.n_modes else 0
-        shares = _shares(n - n_new, [int((labels == k).sum()) for k in range(len(self.best))])
+        mine = [labels == k for k in range(len(self.best))]
+        shares = _shares(n - n_new, [int(each.sum()) for each in mine])
         views = [
-            _view(buffer, labels == k, share, generation - self.born[k], way=k)
+            _view(buffer, mine[k], share, generation - self.born[k], way=k)
             for k, share in enumerate(shares)
         ]
         if n_new:
