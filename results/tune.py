@@ -29,6 +29,9 @@ def add_tune(parser: argparse.ArgumentParser) -> None:
         help="what a trial costs: rollouts to success, or the reward at the end (default: "
         "%(default)s)",
     )
+    parser.add_argument(
+        "--variants", nargs="+", metavar="NAME", help="these of the suite's (default: all)"
+    )
     parser.add_argument("--out", type=Path, default=STUDIES, metavar="DIR", help="of the studies")
     parser.add_argument("--overwrite", action="store_true", help="begin studies anew")
 
@@ -46,7 +49,13 @@ def tune(options: argparse.Namespace) -> int:
     recipe = find_recipe(options.suite)
     seeds = parse_seeds(options.seeds)
     plan = TuningPlan.of(
-        options.suite, recipe, seeds, options.trials, options.budget, options.measure
+        options.suite,
+        recipe,
+        seeds,
+        options.trials,
+        options.budget,
+        options.measure,
+        options.variants,
     )
     for line in tune_suite(recipe, plan, options.out, options.algorithms, options.overwrite):
         print(line, flush=True)

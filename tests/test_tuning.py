@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from baselines import GA
 from benchmark_envs import make_task
 from results.adaptation.protocol import Adaptation
 from results.algorithms import RANDOM_SEARCH
 from results.cli import main
 from results.exceptions import BenchmarkError
 from results.harness.protocol import Protocol
+from results.harness.runner import execute
 from results.suites import find_recipe
 from results.tuning import rows, study
 from results.tuning.contexts import TuningContext, tuning_contexts
@@ -129,10 +131,46 @@ def test_populations_that_are_tuned_fit_the_budget(label: str) -> None:
     declared = study.space_of(recipe.algorithms[label], PLAN)
     short = TuningPlan.of("pouring", recipe, [1000], 2)
     tuned = study.space_of(recipe.algorithms[label], short)
-    assert declared["population_size"] == recipe.algorithms[label].load().tunable["population_size"]
+    own = recipe.algorithms[label].settings["population_size"]
+    of_class = recipe.algorithms[label].load().tunable["population_size"]
+    assert declared["population_size"] == Choice((own, *of_class.values))
     assert tuned == {**declared, "population_size": Choice((3, 4, 6, 9))}
     longer = replace(short, budget=100)
     assert study.space_of(recipe.algorithms[label], longer) == declared
+
+
+def test_what_a_suite_has_set_lies_in_what_is_tuned() -> None:
+    """Curves through points need 20 bases, and spaces that end at 15 would tune around the best."""
+    recipe = find_recipe("via-points")
+    plan = TuningPlan.of("via-points", recipe, [1000], 2, variants=["3 points", "6points"])
+    space = study.space_of(recipe.algorithms["GA"], plan)
+    assert space["mutation.n_bases"] == Range(6, 30, integer=True)
+    assert space["mutation_decay"] == Range(0.65, 0.96)
+    assert space["population_size"] == Choice((5, 20, 30))
+    assert space["temperature"] == GA.tunable["temperature"], "which the suite leaves as it is"
+    reps = study.space_of(recipe.algorithms["REPS"], plan)
+    assert reps["n_bases"] == Range(6, 30, integer=True)
+    assert Range(6, 15, integer=True).reaching(5).low == 3
+    assert Range(0.5, 1.0).reaching(0.2).low == 0.2
+
+
+def test_each_seed_is_run_in_each_variant(monkeypatch: pytest.MonkeyPatch) -> None:
+    recipe = find_recipe("via-points")
+    plan = TuningPlan.of("via-points", recipe, [1000, 1001], 1, 1, "reward", ["6 points", "1point"])
+    done: list[tuple[int, Any]] = []
+
+    def noted(run: Any) -> Any:
+        done.append((run.seed, run.task_settings["n_points"]))
+        return execute(run)
+
+    monkeypatch.setattr(study, "execute", noted)
+    assert study.cost_of("r", RANDOM_SEARCH, plan) is not None
+    assert done == [(1000, 6), (1001, 6), (1000, 1), (1001, 1)]
+    assert plan.n_runs == 4 and list(plan.record["variants"]) == ["6 points", "1 point"]
+    assert "variants" not in PLAN.record, "studies of one variant are told as before"
+    assert TuningPlan.of("via-points", recipe, [1000], 2).n_runs == 6
+    with pytest.raises(BenchmarkError, match="has no variant '7 points'; it has 1 point, 2 points"):
+        TuningPlan.of("via-points", recipe, [1000], 2, variants=["7 points"])
 
 
 @pytest.mark.parametrize("budget", [8, 31, 32, 40, 1000])
@@ -140,10 +178,10 @@ def test_declared_populations_stay_where_two_of_them_fit(budget: int) -> None:
     recipe = find_recipe("pouring")
     plan = replace(TuningPlan.of("pouring", recipe, [1000], 2), budget=budget)
     tuned = values(study.space_of(recipe.algorithms["REPS"], plan)["population_size"])
-    assert budget < 32 or tuned == [10, 16, 20, 30]
+    assert budget < 32 or tuned == [9, 10, 16, 20, 30], "the first is the suite's own"
     assert min(tuned) >= 2 and sorted(tuned)[1] <= budget / 2
     least = study.space_of(recipe.algorithms["REPS"], replace(plan, budget=5))
-    assert values(least["population_size"]) == [10, 16, 20, 30], "no two populations fit"
+    assert values(least["population_size"]) == [9, 10, 16, 20, 30], "no two populations fit"
 
 
 def test_a_trial_costs_what_the_measure_says() -> None:

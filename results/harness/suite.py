@@ -145,7 +145,7 @@ def _specification(
     )
 
 
-def find_label(wanted: str, labels: Iterable[str], where: str) -> str:
+def find_label(wanted: str, labels: Iterable[str], where: str, what: str = "algorithm") -> str:
     """Return the label that is meant, whatever its case and punctuation.
 
     >>> find_label("rcnmp", ["RC-NMP", "REPS"], "the suite")
@@ -154,12 +154,13 @@ def find_label(wanted: str, labels: Iterable[str], where: str) -> str:
     :param wanted: as the user typed it
     :param labels: those that exist
     :param where: for the message
+    :param what: they are, for the message
     :raises BenchmarkError: none of them is meant
     """
     by_key = {_key(label): label for label in labels}
     if _key(wanted) not in by_key:
         raise BenchmarkError(
-            f"{where} has no algorithm '{wanted}'; it has {', '.join(by_key.values())}."
+            f"{where} has no {what} '{wanted}'; it has {', '.join(by_key.values())}."
         )
     return by_key[_key(wanted)]
 

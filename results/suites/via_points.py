@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from results.algorithms import ACNMP, CMAES, DREPS, GA, JUDGED_GA, RCNMP, REPS, twin
+from results.algorithms import ACNMP, CMAES, DREPS, GA, JUDGED_GA, RCNMP, REPS, TURBO, twin
 from results.harness.specification import Algorithm
 from results.harness.suite import Recipe
 from results.one_context.protocol import OneContext
@@ -84,6 +84,7 @@ ALGORITHMS = {
     "CMA-ES": replace(CMAES, settings={"n_bases": 15}, description="CMA-ES over smooth deviations"),
     "REPS": replace(REPS, settings={"pd_controller": None, "n_bases": NARROW}),
     "DREPS": replace(DREPS, settings={"pd_controller": None, "n_bases": NARROW}),
+    "TuRBO": replace(TURBO, settings={"pd_controller": None, "n_bases": 15}),
 }
 TASKS: dict[str, dict[str, object]] = {"nmp/ViaPoints-v0": {}}
 VARIANTS: dict[str, dict[str, object]] = {

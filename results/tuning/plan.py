@@ -5,8 +5,8 @@ rollouts until the greedy policy succeeds, over the tuning runs; a run that neve
 twice its budget. ``"reward"``: minus the mean reward of the greedy trajectory at the end.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -15,7 +15,7 @@ from results.exceptions import BenchmarkError
 from results.harness.protocol import Protocol
 from results.harness.records import Curve
 from results.harness.specification import plain
-from results.harness.suite import Recipe
+from results.harness.suite import Recipe, find_label
 from results.one_context.protocol import OneContext
 from results.report.frames import rollouts_to_success
 from sb3_nmp.common.tuning import Value
@@ -50,6 +50,7 @@ class TuningPlan:
     :param n_trials: of each algorithm, its settings in the suite included
     :param protocols: each seed is run once in each
     :param measure: what a trial costs
+    :param variants: further settings of the task, by name; each seed is run once in each
     :raises BenchmarkError: a seed that reported runs have, no seed, fewer than one trial, or no
         such measure
     """
@@ -62,6 +63,7 @@ class TuningPlan:
     n_trials: int
     protocols: tuple[Protocol, ...] = (OneContext(),)
     measure: Measure = "rollouts"
+    variants: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: {"": {}})
 
     def __post_init__(self) -> None:
         """Check seeds, trials and measure."""
@@ -83,13 +85,15 @@ class TuningPlan:
     def record(self) -> dict[str, Any]:
         """Its fields as JSON values."""
         where = [[each.name, each.number] for each in self.protocols]
-        names = [each.name for each in fields(self) if each.name != "protocols"]
+        alone = list(self.variants) == [""]  # which studies from before variants do not tell
+        others = {"protocols", "variants"} if alone else {"protocols"}
+        names = [each.name for each in fields(self) if each.name not in others]
         return {name: plain(getattr(self, name)) for name in names} | {"protocols": where}
 
     @property
     def n_runs(self) -> int:
         """The runs of each trial."""
-        return len(self.protocols) * len(self.seeds)
+        return len(self.protocols) * len(self.seeds) * len(self.variants)
 
     def cost(self, curve: Curve) -> float:
         """Return what a run cost.
@@ -121,6 +125,7 @@ class TuningPlan:
         n_trials: int,
         budget: int | None = None,
         measure: Measure = "rollouts",
+        variants: Sequence[str] | None = None,
     ) -> "TuningPlan":
         """Return the plan for a suite.
 
@@ -130,7 +135,9 @@ class TuningPlan:
         :param n_trials: of each algorithm
         :param budget: rollouts of a run; the recipe's by default
         :param measure: what a trial costs
-        :raises BenchmarkError: the suite is not of one task, or has no contexts to tune in
+        :param variants: these of the suite's; all by default
+        :raises BenchmarkError: the suite is not of one task, has no contexts to tune in, or has
+            no such variant
         """
         alone = recipe.protocols == (OneContext(),)
         protocols = recipe.tuning or (recipe.protocols if alone else ())
@@ -142,4 +149,11 @@ class TuningPlan:
             )
         ((task, settings),) = recipe.tasks.items()
         size = budget or recipe.budget
-        return cls(suite, task, dict(settings), size, tuple(seeds), n_trials, protocols, measure)
+        known = recipe.variants
+        chosen = [
+            find_label(v, known, f"the suite '{suite}'", "variant") for v in variants or known
+        ]
+        made = {name: dict(known[name]) for name in chosen}
+        return cls(
+            suite, task, dict(settings), size, tuple(seeds), n_trials, protocols, measure, made
+        )

@@ -9,6 +9,7 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +24,7 @@ from results.harness.suite import Recipe, find_label
 from results.harness.whole_files import write_whole
 from results.one_context.protocol import OneContext
 from results.tuning.plan import Trial, TuningPlan
-from sb3_nmp.common.tuning import Choice, SearchSpace, Value, arguments_of
+from sb3_nmp.common.tuning import Choice, SearchSpace, Value, arguments_of, value_of
 
 if TYPE_CHECKING:
     import optuna
@@ -260,8 +261,9 @@ def unfinished_path(path: Path) -> Path:
 def space_of(algorithm: Algorithm, plan: TuningPlan) -> SearchSpace:
     """Return what is tuned of an algorithm: more where it is shown demonstrations.
 
-    Where the budget is too short for two generations of at least two of its populations, smaller
-    ones stand in their place: two to six generations.
+    What the suite has set lies in it: where an algorithm's own space does not reach so far, it is
+    made to. Where the budget is too short for two generations of at least two of its populations,
+    smaller ones stand in their place: two to six generations.
 
     :param algorithm: as the suite has it
     :param plan: what is equal for all
@@ -276,7 +278,11 @@ def space_of(algorithm: Algorithm, plan: TuningPlan) -> SearchSpace:
         smaller = sorted({max(2, plan.budget // n) for n in (6, 4, 3, 2)})
         if len(fitting) < 2 <= len(smaller):
             space["population_size"] = Choice(tuple(smaller))
-    return space
+    own = {name: value_of(kind, name, algorithm.settings) for name in space}
+    return {
+        name: what if own[name] is None else what.reaching(own[name])
+        for name, what in space.items()
+    }
 
 
 def suggest(trial: "optuna.Trial", name: str, what: object) -> Value:
@@ -313,10 +319,9 @@ def cost_of(label: str, algorithm: Algorithm, plan: TuningPlan) -> float | None:
     """
     costs = []
     for protocol in plan.protocols:
-        for seed in plan.seeds:
-            run = RunSpecification(
-                label, algorithm, plan.task, seed, plan.budget, protocol, plan.task_settings
-            )
+        for settings, seed in product(plan.variants.values(), plan.seeds):
+            where = {**plan.task_settings, **settings}
+            run = RunSpecification(label, algorithm, plan.task, seed, plan.budget, protocol, where)
             try:
                 curve = execute(run).measured.curve
             except Exception:  # whatever an algorithm raises is this setting's result

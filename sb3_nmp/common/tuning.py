@@ -34,6 +34,23 @@ class Range:
                 "is logarithmic."
             )
 
+    def reaching(self, value: float) -> "Range":
+        """Return this range where it holds a value, else one that reaches to it.
+
+        A range of whole numbers reaches half as far again, for what lies beyond its end is not
+        known to be the best.
+
+        >>> Range(6, 15, integer=True).reaching(20).high, Range(0.5, 0.9).reaching(0.96).high
+        (30, 0.96)
+
+        :param value: that is to be held
+        """
+        if self.low <= value <= self.high:
+            return self
+        if value > self.high:
+            return replace(self, high=value + value // 2 if self.integer else value)
+        return replace(self, low=(value + 1) // 2 if self.integer else value)
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -49,6 +66,16 @@ class Choice:
         """Check the number of values."""
         if len(self.values) < 2:
             raise ConfigurationError(f"a choice among {self.values} is none; give at least two.")
+
+    def reaching(self, value: Value) -> "Choice":
+        """Return this choice where it has a value, else one that begins with it.
+
+        >>> Choice((20, 30)).reaching(5).values
+        (5, 20, 30)
+
+        :param value: that is to be held
+        """
+        return self if value in self.values else Choice((value, *self.values))
 
 
 #: by the name of a constructor argument, or ``"argument.field"`` of settings that are its default
@@ -88,6 +115,25 @@ def arguments_of(
             )
         made[argument] = replace(settings, **{field: value})
     return made
+
+
+def value_of(algorithm: type, name: str, given: Mapping[str, Any]) -> Any:  # noqa: ANN401
+    """Return what an argument, or a field of settings, is; None where nothing is set.
+
+    >>> from sb3_nmp import RCNMP
+    >>> value_of(RCNMP, "mutation.n_bases", {}), value_of(RCNMP, "beta", {"beta": 1.0})
+    (10, 1.0)
+
+    :param algorithm: whose constructor has it
+    :param name: ``"argument"`` or ``"argument.field"``
+    :param given: arguments that go before the defaults
+    :raises ConfigurationError: it has no such argument
+    """
+    argument, _, field = name.partition(".")
+    value = given[argument] if argument in given else default_of(algorithm, argument)
+    if not field:
+        return value
+    return value.get(field) if isinstance(value, Mapping) else getattr(value, field, None)
 
 
 def default_of(algorithm: type, name: str) -> Any:  # noqa: ANN401
