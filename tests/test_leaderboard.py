@@ -555,7 +555,7 @@ def test_a_row_over_many_contexts_is_made_shown_verified_and_checked(
         patch.setitem(BOARDS, "anywhere", unchecked)
         assert command("check", anywhere, board="anywhere") == 0
     assert "no runs again, which take too long" in capsys.readouterr().out
-    assert "anywhere, nearest: 2 runs again, the same to the bit" in told
+    assert "anywhere, nearest: 1 runs again, the same to the bit" in told
 
 
 def fewer_failures(row: Row, evidence: Evidence) -> tuple[Row, Evidence]:
@@ -646,7 +646,7 @@ def test_an_unchanged_program_gives_the_same_bits(
     made: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert command("check", made / "data") == 0
-    assert f"hills, Hill: {N_SEEDS} runs again, the same to the bit" in capsys.readouterr().out
+    assert "hills, Hill: 1 runs again, the same to the bit" in capsys.readouterr().out
 
 
 def test_a_worse_program_raises_the_alarm(
@@ -678,10 +678,9 @@ def wrong_sign_of_what_a_skill_learns(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(module, "Experience", mirrored)
 
 
-def test_a_board_may_begin_with_one_run_and_go_on_where_its_bits_are_others(
+def test_a_check_begins_with_one_run_and_goes_on_where_its_bits_are_others(
     made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(BOARDS, "hills", replace(HILLS, n_first=1))
     assert command("check", made / "data") == 0
     assert "hills, Hill: 1 runs again, the same to the bit" in capsys.readouterr().out
     keep_the_worst(monkeypatch)
@@ -695,7 +694,6 @@ def test_a_board_may_begin_with_one_run_and_go_on_where_its_bits_are_others(
 def test_a_change_that_makes_nothing_worse_costs_runs_and_no_alarm(
     made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(BOARDS, "hills", replace(HILLS, n_first=1))
     propose = results_fakes.HillClimber._propose
 
     def a_little_farther(self: results_fakes.HillClimber, *asked: Any) -> Any:
@@ -710,7 +708,7 @@ def test_a_regression_over_many_contexts_raises_the_alarm(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     seeds = tuple(range(500, 510))
-    board = replace(ANYWHERE, seeds=seeds, n_checked=len(seeds), n_first=1)
+    board = replace(ANYWHERE, seeds=seeds, n_checked=len(seeds))
     monkeypatch.setitem(BOARDS, "anywhere", board)
     out = ("--out", str(tmp_path / "runs"))
     assert command("update", tmp_path / "data", *out, board="anywhere") == 0
@@ -724,8 +722,7 @@ def test_a_regression_over_many_contexts_raises_the_alarm(
 def test_every_board_does_runs_again() -> None:
     for name, board in BOARDS.items():
         again = [board.n_again(label) for label in board.labels]
-        assert any(n_first > 0 for n_first, _ in again), name
-        assert all(n_first <= n_checked for n_first, n_checked in again), name
+        assert {*again} <= {0, board.n_checked} and max(again) > 0, name
         assert board.too_slow <= {*board.labels}, name
 
 
@@ -756,6 +753,8 @@ def test_bits_of_other_machines_are_not_compared(
     write_row(tmp_path, wrong, evidence)
     assert command("check", tmp_path, "--exact") == 0
     assert "not compared: the row was made with torch 1.0 (here" in capsys.readouterr().out
+    assert command("check", tmp_path) == 0
+    assert f"{N_SEEDS} runs again, no worse" in capsys.readouterr().out, "all of them at once"
 
 
 def a_row(rng: np.random.Generator, n: int, first_seed: int = 0) -> tuple[Row, Evidence]:

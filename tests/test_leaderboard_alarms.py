@@ -1,9 +1,9 @@
 """How often `nmp-bench leaderboard check` alarms although nothing has changed: computed, simulated.
 
 All rows of the leaderboard are committed with their runs' scores, so that both are told for the
-check that there is: its rows, its numbers of runs and contexts, and the ties of its scores. Boards
-that begin with one run and do the others only where its bits are other ones count here as if they
-always did all: they alarm where these would, or less often.
+check that there is: its rows, its numbers of runs and contexts, and the ties of its scores. A check
+begins with one seed and does the others only where its bits are other ones; here it counts as if it
+always did all: it alarms where this would, or less often.
 
 Shape letters: S simulated checks, A runs again, R committed runs.
 """
@@ -51,7 +51,7 @@ def checked_rows() -> Iterator[Checked]:
     for path in PATHS:
         row, evidence, _ = read_row(path)
         board = BOARDS[row.board]
-        _, n_checked = board.n_again(row.label)
+        n_checked = board.n_again(row.label)
         if n_checked == 0:
             continue
         places: dict[bytes, tuple[list[int], list[int]]] = {}

@@ -37,10 +37,9 @@ class Board:
     :param title: one line
     :param recipe: what its runs are made of
     :param seeds: of its runs
-    :param n_checked: how many of them, the first ones, a check does again
+    :param n_checked: how many of them, the first ones, a check does again where a row's very first
+        one is not the same to the bit
     :param most_failures: share of held-out contexts that may fail in a success over many contexts
-    :param n_first: how many a check does first; it does the others only where these are not the
-        same to the bit. By default it does all at once
     :param too_slow: rows of which a check does no run: there `check --exact` remains. Claims are
         of whole runs, so that part of one could be compared with nothing that is kept
     """
@@ -50,20 +49,17 @@ class Board:
     seeds: tuple[int, ...]
     n_checked: int
     most_failures: float = 0.0
-    n_first: int | None = None
     too_slow: frozenset[str] = frozenset()
 
-    def n_again(self, label: str) -> tuple[int, int]:
-        """Return how many of a row's runs a check does first, and how many where they differ.
+    def n_again(self, label: str) -> int:
+        """Return how many of a row's seeds a check does again, at most.
 
         >>> BOARDS["aperture"].n_again("contextual REPS"), BOARDS["aperture"].n_again("ACNMP")
-        ((1, 10), (0, 0))
+        (10, 0)
 
         :param label: of the row
         """
-        if label in self.too_slow:
-            return 0, 0
-        return self.n_checked if self.n_first is None else self.n_first, self.n_checked
+        return 0 if label in self.too_slow else self.n_checked
 
     @property
     def labels(self) -> list[str]:
@@ -150,7 +146,6 @@ BOARDS = {
         tuple(range(300, 310)),
         n_checked=10,
         most_failures=0.02,
-        n_first=1,
     ),
     "aperture": Board(
         "through apertures wherever they are, 30 demonstrations",
@@ -166,7 +161,6 @@ BOARDS = {
         tuple(range(300, 310)),
         n_checked=10,
         most_failures=0.02,
-        n_first=1,
         too_slow=frozenset({"ACNMP", "ACNMP (thesis)", "twin, Gaussian process"}),
     ),
     "via-points": Board(

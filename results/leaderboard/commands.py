@@ -3,13 +3,15 @@
 import argparse
 import sys
 import tempfile
+from collections.abc import Iterator
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # the command line answers at once: what is slow to import waits
     from results.leaderboard.check import Judgement
     from results.leaderboard.exact import Comparison
-    from results.leaderboard.rows import Claim
+    from results.leaderboard.rows import Claim, Evidence, Row
 
 HOLDS, FAILS = 0, 1
 RUNS = Path("results/runs/leaderboard")
@@ -171,91 +173,104 @@ def _verify(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> 
 
 
 def _check(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> int:
+    status, paths = HOLDS, _rows(boards, data, options)
     if options.exact:
-        return _check_exactly(boards, _rows(boards, data, options), options.workers)
-    judged = judgements(boards, _rows(boards, data, options), options.workers)
-    for judgement in judged:
-        print(judgement.sentence())
-    return FAILS if any(judgement.worse() for judgement in judged) else HOLDS
-
-
-def _check_exactly(boards: dict[str, Any], paths: list[Path], n_workers: int | None) -> int:
-    found = comparisons(boards, paths, n_workers)
-    for comparison in found:
-        print(comparison.sentence())
-    return FAILS if any(comparison.changed for comparison in found) else HOLDS
+        for comparison in comparisons(boards, paths, options.workers):
+            print(comparison.sentence(), flush=True)
+            status = FAILS if comparison.changed else status
+        return status
+    for judgement in judgements(boards, paths, options.workers):
+        print(judgement.sentence(), flush=True)
+        status = FAILS if judgement.worse() else status
+    return status
 
 
 def comparisons(
     boards: dict[str, Any], paths: list[Path], n_workers: int | None
-) -> "list[Comparison]":
+) -> "Iterator[Comparison]":
     """Do one seed of rows again, and compare it to the bit where the machine allows it.
 
     :param boards: by name
-    :param paths: of the rows' claims
+    :param paths: of the rows' claims, board by board
     :param n_workers: processes; one per core by default
     """
     from results.leaderboard.exact import Comparison, compare, name_of, unlike
-    from results.leaderboard.files import read_row
 
-    found = []
-    for path in paths:
-        row = read_row(path)[0]
-        why = unlike(row)
-        if why:
-            found.append(Comparison(name_of(row), why, (), 0))
-            continue
-        again = _claims_again(boards[row.board], row.board, row.label, n_workers, 1)
-        found.append(compare(row, again))
-    return found
+    for name, group in groupby(map(_read, paths), key=lambda each: each[0].board):
+        rows = [row for row, _ in group]
+        why = {row.label: unlike(row) for row in rows}
+        seeds = {label: 0 if reason else 1 for label, reason in why.items()}
+        again = _claims_again(boards[name], name, seeds, n_workers)
+        for row in rows:
+            reason = why[row.label]
+            unknown = Comparison(name_of(row), reason, (), 0)
+            yield unknown if reason else compare(row, again[row.label])
 
 
 def judgements(
     boards: dict[str, Any], paths: list[Path], n_workers: int | None, n_rows: int | None = None
-) -> "list[Judgement]":
-    """Do some runs of rows again, and return what came of each row.
+) -> "Iterator[Judgement]":
+    """Do some runs of rows again, and yield what came of each row.
 
-    Where a board asks for it, the others of a row's runs only if the first ones are not the same to
-    the bit. That alarms less often than all of them at once, so false alarms stay as rare.
+    One seed of each row at first, and the others only where its bits are others, or cannot be the
+    same on this machine. That alarms less often than all of them at once, so false alarms stay as
+    rare.
 
     :param boards: by name
-    :param paths: of the rows' claims
+    :param paths: of the rows' claims, board by board
     :param n_workers: processes; one per core by default
     :param n_rows: of the whole check, for which p-values are corrected; these by default
     """
     from results.leaderboard.check import judge
+    from results.leaderboard.exact import compare, unlike
+
+    for name, group in groupby(map(_read, paths), key=lambda each: each[0].board):
+        rows = list(group)
+        most = {row.label: boards[name].n_again(row.label) for row, _ in rows}
+        first = {row.label: most[row.label] if unlike(row) else 1 for row, _ in rows}
+        first = {label: min(n, most[label]) for label, n in first.items()}
+        again = _claims_again(boards[name], name, first, n_workers)
+        changed = {
+            row.label: most[row.label]
+            for row, _ in rows
+            if first[row.label] < most[row.label] and compare(row, again[row.label]).changed
+        }
+        again |= _claims_again(boards[name], name, changed, n_workers)
+        for row, evidence in rows:
+            yield judge(row, evidence, again[row.label], n_rows or len(paths))
+
+
+def _read(path: Path) -> "tuple[Row, Evidence]":
+    """Return a row and its evidence."""
     from results.leaderboard.files import read_row
 
-    judged = []
-    for path in paths:
-        row, evidence, _ = read_row(path)
-        board = boards[row.board]
-        n_first, n_checked = board.n_again(row.label)
-        again = _claims_again(board, row.board, row.label, n_workers, n_first)
-        judgement = judge(row, evidence, again, n_rows or len(paths))
-        if not judgement.same and n_first < n_checked:
-            again = _claims_again(board, row.board, row.label, n_workers, n_checked)
-            judgement = judge(row, evidence, again, n_rows or len(paths))
-        judged.append(judgement)
-    return judged
+    row, evidence, _ = read_row(path)
+    return row, evidence
 
 
 def _claims_again(
     board: Any,  # noqa: ANN401
     name: str,
-    label: str,
+    n_seeds: dict[str, int],
     n_workers: int | None,
-    n_seeds: int,
-) -> "list[Claim]":
-    """Return the claims of the runs of a board's first seeds, done again."""
+) -> "dict[str, list[Claim]]":
+    """Return the claims of a board's runs, done again, by label; all are spread over the processes.
+
+    :param board: whose runs
+    :param name: of the board
+    :param n_seeds: how many of the first seeds, by label
+    :param n_workers: processes; one per core by default
+    """
     from results.harness.resume import plan_runs
     from results.harness.runner import run_plan
     from results.leaderboard.rows import claim_of
 
-    if n_seeds == 0:
-        return []
+    claims: dict[str, list[Claim]] = {label: [] for label in n_seeds}
+    runs = [run for label, n in n_seeds.items() if n for run in board.runs(name, [label], n)]
+    if not runs:
+        return claims
     with tempfile.TemporaryDirectory(prefix="nmp-bench-") as folder:
-        plan = plan_runs(Path(folder), board.runs(name, [label], n_seeds))
-        return [
-            claim_of(outcome.record, board.most_failures) for outcome in run_plan(plan, n_workers)
-        ]
+        for outcome in run_plan(plan_runs(Path(folder), tuple(runs)), n_workers):
+            record = outcome.record
+            claims[record.specification.label].append(claim_of(record, board.most_failures))
+    return claims
