@@ -81,7 +81,6 @@ class Board:
 
 
 _BEYOND = tuple(LeaveOneOut(target, extrapolation=True) for target in EXTRAPOLATION_TARGETS)
-_THROUGH = ("RC-NMP", "GA", "GA, judged", "CMA-ES", "REPS")
 _POINTS = ("3 points", "6 points")
 
 #: of the suite aperture: each takes the better part of an hour (results/experiments/leaderboard.md
@@ -99,6 +98,8 @@ _ABLATIONS = {
     "ACNMP, hand-tuned",
     "twin, nearest, hand-tuned",
     "CMA-ES residual",
+    "RC-NMP without crossover",
+    "RC-NMP without mutation",
 }
 
 
@@ -166,8 +167,7 @@ BOARDS = {
     "via-points": Board(
         "through three and six points",
         replace(
-            via_points.RECIPE,
-            algorithms={label: via_points.ALGORITHMS[label] for label in _THROUGH},
+            _equal("via-points", via_points.RECIPE, 300),
             variants={name: via_points.VARIANTS[name] for name in _POINTS},
         ),
         tuple(range(300, 310)),
