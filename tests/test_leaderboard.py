@@ -6,6 +6,7 @@ import math
 import os
 import shlex
 import shutil
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from results.harness import progress
 from results.harness.provenance import is_own_repository
 from results.harness.specification import Algorithm
 from results.harness.suite import Recipe
-from results.leaderboard import verify
+from results.leaderboard import commands, exact, verify
 from results.leaderboard.boards import BOARDS, DATA, Board
 from results.leaderboard.check import FALSE_ALARMS, MEASURES, judge
 from results.leaderboard.files import digest, read_row, row_paths, write_row
@@ -689,6 +690,23 @@ def test_a_check_begins_with_one_run_and_goes_on_where_its_bits_are_others(
     monkeypatch.setitem(BOARDS, "hills", replace(HILLS, too_slow=frozenset({"Hill"})))
     assert command("check", made / "data") == 0
     assert "hills, Hill: no runs again, which take too long" in capsys.readouterr().out
+
+
+def test_a_check_begins_with_the_first_run_of_each_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not with a whole seed, which on pouring are three runs."""
+    done: list[list[str]] = []
+
+    def noted(_: object, runs: Any, __: object) -> dict[str, list[Claim]]:
+        done.append([f"{run.label}, {run.seed}, {run.protocol.number}" for run in runs])
+        return defaultdict(list)
+
+    monkeypatch.setattr(commands, "_claims_again", noted)
+    monkeypatch.setattr(exact, "unlike", lambda _: "")
+    paths = row_paths(DATA, "pouring")
+    assert len(list(commands.judgements(BOARDS, paths, 1))) == len(paths)
+    first, more = done
+    assert len({*first}) == len(paths) and all(each.endswith(", 300, 0") for each in first)
+    assert more == []
 
 
 def test_a_change_that_makes_nothing_worse_costs_runs_and_no_alarm(

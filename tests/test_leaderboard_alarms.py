@@ -2,7 +2,7 @@
 
 All rows of the leaderboard are committed with their runs' scores, so that both are told for the
 check that there is: its rows, its numbers of runs and contexts, and the ties of its scores. A check
-begins with one seed and does the others only where its bits are other ones; here it counts as if it
+begins with one run and does the others only where its bits are other ones; here it counts as if it
 always did all: it alarms where this would, or less often.
 
 Shape letters: S simulated checks, A runs again, R committed runs.

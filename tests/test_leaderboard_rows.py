@@ -26,7 +26,7 @@ ROWS = row_paths(DATA)
 
 @pytest.mark.parametrize("path", ROWS, ids=lambda path: f"{path.parent.name}/{path.stem}")
 def test_todays_program_is_no_worse_than_the_row(path: Path) -> None:
-    """And on a like machine its first seed is the same to the bit."""
+    """And on a like machine its first run is the same to the bit."""
     (judged,) = judgements(BOARDS, [path], 1, len(ROWS))
     assert not judged.worse(), judged.sentence()
     if judged.n_runs and judged.same:

@@ -38,7 +38,7 @@ class Board:
     :param recipe: what its runs are made of
     :param seeds: of its runs
     :param n_checked: how many of them, the first ones, a check does again where a row's very first
-        one is not the same to the bit
+        run is not the same to the bit
     :param most_failures: share of held-out contexts that may fail in a success over many contexts
     :param too_slow: rows of which a check does no run: there `check --exact` remains. Claims are
         of whole runs, so that part of one could be compared with nothing that is kept

@@ -3,12 +3,14 @@
 import argparse
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # the command line answers at once: what is slow to import waits
+    from results.harness.specification import RunSpecification
     from results.leaderboard.check import Judgement
     from results.leaderboard.exact import Comparison
     from results.leaderboard.rows import Claim, Evidence, Row
@@ -199,8 +201,9 @@ def comparisons(
     for name, group in groupby(map(_read, paths), key=lambda each: each[0].board):
         rows = [row for row, _ in group]
         why = {row.label: unlike(row) for row in rows}
-        seeds = {label: 0 if reason else 1 for label, reason in why.items()}
-        again = _claims_again(boards[name], name, seeds, n_workers)
+        alike = [label for label, reason in why.items() if not reason]
+        runs = boards[name].runs(name, alike, 1) if alike else ()
+        again = _claims_again(boards[name], runs, n_workers)
         for row in rows:
             reason = why[row.label]
             unknown = Comparison(name_of(row), reason, (), 0)
@@ -212,9 +215,8 @@ def judgements(
 ) -> "Iterator[Judgement]":
     """Do some runs of rows again, and yield what came of each row.
 
-    One seed of each row at first, and the others only where its bits are others, or cannot be the
-    same on this machine. That alarms less often than all of them at once, so false alarms stay as
-    rare.
+    The very first of each row, and the others only where its bits are others, or cannot be the same
+    on this machine. That alarms less often than all of them at once, so false alarms stay as rare.
 
     :param boards: by name
     :param paths: of the rows' claims, board by board
@@ -226,16 +228,23 @@ def judgements(
 
     for name, group in groupby(map(_read, paths), key=lambda each: each[0].board):
         rows = list(group)
-        most = {row.label: boards[name].n_again(row.label) for row, _ in rows}
-        first = {row.label: most[row.label] if unlike(row) else 1 for row, _ in rows}
-        first = {label: min(n, most[label]) for label, n in first.items()}
-        again = _claims_again(boards[name], name, first, n_workers)
-        changed = {
-            row.label: most[row.label]
+        most = {
+            row.label: boards[name].runs(name, [row.label], n)
             for row, _ in rows
-            if first[row.label] < most[row.label] and compare(row, again[row.label]).changed
+            if (n := boards[name].n_again(row.label))
         }
-        again |= _claims_again(boards[name], name, changed, n_workers)
+        whole = {row.label for row, _ in rows if row.label in most and unlike(row)}
+        first = [
+            run for label, runs in most.items() for run in runs[: None if label in whole else 1]
+        ]
+        again = _claims_again(boards[name], first, n_workers)
+        changed = [
+            row.label
+            for row, _ in rows
+            if row.label not in whole and compare(row, again[row.label]).changed
+        ]
+        more = [run for label in changed for run in most[label]]
+        again |= _claims_again(boards[name], more, n_workers)
         for row, evidence in rows:
             yield judge(row, evidence, again[row.label], n_rows or len(paths))
 
@@ -250,23 +259,20 @@ def _read(path: Path) -> "tuple[Row, Evidence]":
 
 def _claims_again(
     board: Any,  # noqa: ANN401
-    name: str,
-    n_seeds: dict[str, int],
+    runs: "Sequence[RunSpecification]",
     n_workers: int | None,
-) -> "dict[str, list[Claim]]":
-    """Return the claims of a board's runs, done again, by label; all are spread over the processes.
+) -> "defaultdict[str, list[Claim]]":
+    """Return the claims of runs, done again, by label; all are spread over the processes.
 
     :param board: whose runs
-    :param name: of the board
-    :param n_seeds: how many of the first seeds, by label
+    :param runs: of any of its rows
     :param n_workers: processes; one per core by default
     """
     from results.harness.resume import plan_runs
     from results.harness.runner import run_plan
     from results.leaderboard.rows import claim_of
 
-    claims: dict[str, list[Claim]] = {label: [] for label in n_seeds}
-    runs = [run for label, n in n_seeds.items() if n for run in board.runs(name, [label], n)]
+    claims: defaultdict[str, list[Claim]] = defaultdict(list)
     if not runs:
         return claims
     with tempfile.TemporaryDirectory(prefix="nmp-bench-") as folder:
