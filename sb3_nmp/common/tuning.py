@@ -103,7 +103,7 @@ def arguments_of(
         if not field:
             made[argument] = value
             continue
-        default = before.get(argument, default_of(algorithm, argument))
+        default = value_of(algorithm, argument, before)
         settings = made.get(argument, default)
         if settings is None or isinstance(settings, Mapping):
             made[argument] = {**(settings or {}), field: value}
@@ -130,7 +130,7 @@ def value_of(algorithm: type, name: str, given: Mapping[str, Any]) -> Any:  # no
     :raises ConfigurationError: it has no such argument
     """
     argument, _, field = name.partition(".")
-    value = given[argument] if argument in given else default_of(algorithm, argument)
+    value = given.get(argument, default_of(algorithm, argument))
     if not field:
         return value
     return value.get(field) if isinstance(value, Mapping) else getattr(value, field, None)
