@@ -6,7 +6,6 @@ import math
 import os
 import shlex
 import shutil
-from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -696,9 +695,10 @@ def test_a_check_begins_with_the_first_run_of_each_row(monkeypatch: pytest.Monke
     """Not with a whole seed, which on pouring are three runs."""
     done: list[list[str]] = []
 
-    def noted(_: object, runs: Any, __: object) -> dict[str, list[Claim]]:
-        done.append([f"{run.label}, {run.seed}, {run.protocol.number}" for run in runs])
-        return defaultdict(list)
+    def noted(_: object, runs: Any, __: object) -> Iterator[tuple[tuple[str, str], list[Claim]]]:
+        asked = [run for each in runs.values() for run in each]
+        done.append([f"{run.label}, {run.seed}, {run.protocol.number}" for run in asked])
+        return ((key, []) for key in runs)
 
     monkeypatch.setattr(commands, "_claims_again", noted)
     monkeypatch.setattr(exact, "unlike", lambda _: "")

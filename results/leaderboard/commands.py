@@ -3,18 +3,18 @@
 import argparse
 import sys
 import tempfile
-from collections import defaultdict
-from collections.abc import Iterator, Sequence
-from itertools import groupby
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # the command line answers at once: what is slow to import waits
+    from results.harness.records import Provenance, RunRecord
     from results.harness.specification import RunSpecification
     from results.leaderboard.check import Judgement
     from results.leaderboard.exact import Comparison
     from results.leaderboard.rows import Claim, Evidence, Row
 
+Key = tuple[str, str]  # board and label of a row
 HOLDS, FAILS = 0, 1
 RUNS = Path("results/runs/leaderboard")
 WHAT = {
@@ -193,60 +193,56 @@ def comparisons(
     """Do one seed of rows again, and compare it to the bit where the machine allows it.
 
     :param boards: by name
-    :param paths: of the rows' claims, board by board
+    :param paths: of the rows' claims
     :param n_workers: processes; one per core by default
     """
     from results.leaderboard.exact import Comparison, compare, name_of, unlike
 
-    for name, group in groupby(map(_read, paths), key=lambda each: each[0].board):
-        rows = [row for row, _ in group]
-        why = {row.label: unlike(row) for row in rows}
-        alike = [label for label, reason in why.items() if not reason]
-        runs = boards[name].runs(name, alike, 1) if alike else ()
-        again = _claims_again(boards[name], runs, n_workers)
-        for row in rows:
-            reason = why[row.label]
-            unknown = Comparison(name_of(row), reason, (), 0)
-            yield unknown if reason else compare(row, again[row.label])
+    rows = {(row.board, row.label): row for row, _ in map(_read, paths)}
+    runs: dict[Key, Sequence[RunSpecification]] = {}
+    for (board, label), row in rows.items():
+        if reason := unlike(row):
+            yield Comparison(name_of(row), reason, (), 0)
+        else:
+            runs[board, label] = boards[board].runs(board, [label], 1)
+    for key, claims in _claims_again(boards, runs, n_workers):
+        yield compare(rows[key], claims)
 
 
 def judgements(
     boards: dict[str, Any], paths: list[Path], n_workers: int | None, n_rows: int | None = None
 ) -> "Iterator[Judgement]":
-    """Do some runs of rows again, and yield what came of each row.
+    """Do some runs of rows again, and yield what came of each row, as soon as it is known.
 
     The very first of each row, and the others only where its bits are others, or cannot be the same
     on this machine. That alarms less often than all of them at once, so false alarms stay as rare.
 
     :param boards: by name
-    :param paths: of the rows' claims, board by board
+    :param paths: of the rows' claims
     :param n_workers: processes; one per core by default
     :param n_rows: of the whole check, for which p-values are corrected; these by default
     """
     from results.leaderboard.check import judge
     from results.leaderboard.exact import compare, unlike
 
-    for name, group in groupby(map(_read, paths), key=lambda each: each[0].board):
-        rows = list(group)
-        most = {
-            row.label: boards[name].runs(name, [row.label], n)
-            for row, _ in rows
-            if (n := boards[name].n_again(row.label))
-        }
-        whole = {row.label for row, _ in rows if row.label in most and unlike(row)}
-        first = [
-            run for label, runs in most.items() for run in runs[: None if label in whole else 1]
-        ]
-        again = _claims_again(boards[name], first, n_workers)
-        changed = [
-            row.label
-            for row, _ in rows
-            if row.label not in whole and compare(row, again[row.label]).changed
-        ]
-        more = [run for label in changed for run in most[label]]
-        again |= _claims_again(boards[name], more, n_workers)
-        for row, evidence in rows:
-            yield judge(row, evidence, again[row.label], n_rows or len(paths))
+    rows = {(row.board, row.label): (row, evidence) for row, evidence in map(_read, paths)}
+    n_rows = n_rows or len(rows)
+    most: dict[Key, Sequence[RunSpecification]] = {}
+    for (board, label), (row, evidence) in rows.items():
+        if n_seeds := boards[board].n_again(label):
+            most[board, label] = boards[board].runs(board, [label], n_seeds)
+        else:
+            yield judge(row, evidence, [], n_rows)
+    whole = {key for key in most if unlike(rows[key][0])}
+    first = {key: runs if key in whole else runs[:1] for key, runs in most.items()}
+    changed: dict[Key, Sequence[RunSpecification]] = {}
+    for key, claims in _claims_again(boards, first, n_workers):
+        if key not in whole and compare(rows[key][0], claims).changed:
+            changed[key] = most[key]
+        else:
+            yield judge(*rows[key], claims, n_rows)
+    for key, claims in _claims_again(boards, changed, n_workers):
+        yield judge(*rows[key], claims, n_rows)
 
 
 def _read(path: Path) -> "tuple[Row, Evidence]":
@@ -258,25 +254,53 @@ def _read(path: Path) -> "tuple[Row, Evidence]":
 
 
 def _claims_again(
-    board: Any,  # noqa: ANN401
-    runs: "Sequence[RunSpecification]",
-    n_workers: int | None,
-) -> "defaultdict[str, list[Claim]]":
-    """Return the claims of runs, done again, by label; all are spread over the processes.
+    boards: dict[str, Any], runs: "Mapping[Key, Sequence[RunSpecification]]", n_workers: int | None
+) -> "Iterator[tuple[Key, list[Claim]]]":
+    """Do runs again, and yield a row's claims as soon as it has all of them.
 
-    :param board: whose runs
-    :param runs: of any of its rows
+    All runs of all boards are spread over the processes, those of large budgets first.
+
+    :param boards: by name
+    :param runs: by row
     :param n_workers: processes; one per core by default
     """
-    from results.harness.resume import plan_runs
-    from results.harness.runner import run_plan
     from results.leaderboard.rows import claim_of
 
-    claims: defaultdict[str, list[Claim]] = defaultdict(list)
-    if not runs:
-        return claims
+    claims: dict[Key, list[Claim]] = {key: [] for key in runs}
+    asked = [(key, run) for key, each in runs.items() for run in each]
+    asked.sort(key=lambda one: -one[1].budget)
+    for key, record in _records_again(asked, n_workers):
+        claims[key].append(claim_of(record, boards[key[0]].most_failures))
+        if len(claims[key]) == len(runs[key]):
+            yield key, claims[key]
+
+
+def _records_again(
+    asked: "Sequence[tuple[Key, RunSpecification]]", n_workers: int | None
+) -> "Iterator[tuple[Key, RunRecord]]":
+    """Do runs in a folder that is removed, and yield the record of each as soon as it has ended.
+
+    :param asked: of which row each run is
+    :param n_workers: processes; one per core by default
+    """
+    from joblib import delayed
+
+    from results.harness.processes import in_processes
+    from results.harness.provenance import provenance
+
+    if not asked:
+        return
+    origin = provenance()
     with tempfile.TemporaryDirectory(prefix="nmp-bench-") as folder:
-        for outcome in run_plan(plan_runs(Path(folder), tuple(runs)), n_workers):
-            record = outcome.record
-            claims[record.specification.label].append(claim_of(record, board.most_failures))
-    return claims
+        jobs = (delayed(_record_of)(key, run, Path(folder), origin) for key, run in asked)
+        yield from in_processes(jobs, len(asked), n_workers)
+
+
+def _record_of(
+    key: Key, run: "RunSpecification", folder: Path, origin: "Provenance"
+) -> "tuple[Key, RunRecord]":
+    """Do a run of a row, in a folder for each board: two may have runs of one name."""
+    from results.harness.runner import run_and_write
+
+    (folder / key[0]).mkdir(exist_ok=True)
+    return key, run_and_write(run, folder / key[0], origin).record
