@@ -24,10 +24,9 @@ def add_tune(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--budget", type=int, help="rollouts per run (default: the suite's)")
     parser.add_argument(
         "--measure",
-        choices=("rollouts", "reward"),
-        default="rollouts",
-        help="what a trial costs: rollouts to success, or the reward at the end (default: "
-        "%(default)s)",
+        choices=("rollouts", "reward", "failures"),
+        help="what a trial costs: rollouts to success (the default), the reward at the end, or "
+        "the share of unseen contexts that fail (the default of streams of contexts)",
     )
     parser.add_argument(
         "--variants", nargs="+", metavar="NAME", help="these of the suite's (default: all)"

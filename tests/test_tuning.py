@@ -20,10 +20,12 @@ from results.cli import main
 from results.exceptions import BenchmarkError
 from results.harness.protocol import Protocol
 from results.harness.runner import execute
+from results.stream.protocol import Stream
 from results.suites import find_recipe
 from results.tuning import rows, study
 from results.tuning.contexts import TuningContext, tuning_contexts
 from results.tuning.plan import Trial, TuningPlan
+from results.tuning.streams import TuningStream
 from results.tuning.study import StudySummary, tune, with_settings
 from sb3_nmp import RCNMP, ConfigurationError, Demonstrations
 from sb3_nmp.common.tuning import Choice, Range, arguments_of, default_of
@@ -122,6 +124,46 @@ def test_what_a_suite_tunes_with_demonstrations_is_accepted(suite: str) -> None:
             chosen = {name: values(what)[end] for name, what in space.items()}
             settings = with_settings(algorithm, chosen).settings
             algorithm.load()("MlpPolicy", task_id, demonstrations=shown, **settings)
+
+
+STREAMED = find_recipe("random-bottles")
+
+
+def test_a_stream_is_tuned_on_contexts_that_no_table_reports() -> None:
+    (task_id,) = STREAMED.tasks
+    settings: dict[str, Any] = dict(STREAMED.tasks[task_id])
+    task = make_task(task_id, **settings)
+    (tuning,), (reported,) = STREAMED.tuning, STREAMED.protocols
+    assert isinstance(tuning, TuningStream) and isinstance(reported, Stream)
+    one, other = tuning.test_contexts(task), reported.test_contexts(task)
+    assert np.linalg.norm(one[:, None] - other, axis=2).min() > 0.001  # m; of 100,000 pairs
+
+
+@pytest.mark.parametrize("label", STREAMED.algorithms)
+def test_what_is_tuned_over_contexts_is_accepted(label: str) -> None:
+    plan = TuningPlan.of("random-bottles", STREAMED, [1000], 2, 500)
+    algorithm = STREAMED.algorithms[label]
+    space = study.space_of(algorithm, plan)
+    ours = label == "RC-NMP" or label.startswith("twin")
+    assert ("contextual.wanted_rate" in space) == ours
+    assert "temperature" not in space  # of parents, of which there are none over contexts
+    for end in (0, -1):
+        chosen = {name: values(what)[end] for name, what in space.items()}
+        settings = with_settings(algorithm, chosen).settings
+        made = algorithm.load()("MlpPolicy", plan.task, **settings)
+        assert not ours or made.contextual.wanted_rate == chosen["contextual.wanted_rate"]
+
+
+def test_a_stream_costs_the_share_that_fails_and_nothing_else() -> None:
+    plan = TuningPlan.of("random-bottles", STREAMED, [1000], 2)
+    assert plan.measure == "failures"
+    assert plan.cost({"failure_rate": [1.0, 0.5, 0.0]}) == pytest.approx(0.5)
+    assert plan.told(Trial({}, 0.125)) == "12.5% fail"
+    for measure in ("rollouts", "reward"):
+        with pytest.raises(BenchmarkError, match="random-bottles' a trial costs 'failures'"):
+            TuningPlan.of("random-bottles", STREAMED, [1000], 2, measure=measure)
+    with pytest.raises(BenchmarkError, match="'rivals' a trial costs 'rollouts' or 'reward'"):
+        TuningPlan.of("rivals", RECIPE, [1000], 2, measure="failures")
 
 
 @pytest.mark.parametrize("label", ["REPS", "DREPS", "RC-NMP", "GA", "GA, judged"])

@@ -13,6 +13,7 @@ from baselines.reps.gaussian import LinearGaussian
 from baselines.reps.gaussian_search import GaussianArguments, GaussianSearch
 from sb3_nmp.common.rollouts import Generation
 from sb3_nmp.common.settings import Rules
+from sb3_nmp.common.tuning import Choice, Range, SearchSpace
 
 
 class ContextualCMAES(GaussianSearch):
@@ -36,6 +37,12 @@ class ContextualCMAES(GaussianSearch):
 
     policy: ContextualGaussianPolicy
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MlpPolicy": ContextualGaussianPolicy}
+
+    tunable: ClassVar[SearchSpace] = {
+        "population_size": Choice((10, 20, 50, 100)),
+        "n_bases": Range(6, 15, integer=True),
+        "ridge": Range(1e-4, 0.1, log=True),
+    }
 
     def __init__(
         self,

@@ -12,6 +12,7 @@ from stable_baselines3.common.type_aliases import GymEnv
 
 from baselines.ga.policies import GAPolicy
 from sb3_nmp.common.buffer import selection_weights
+from sb3_nmp.common.contextual import TUNABLE_OVER_CONTEXTS
 from sb3_nmp.common.judging import Wanted, features
 from sb3_nmp.common.niches import View
 from sb3_nmp.common.operators import blend
@@ -52,6 +53,7 @@ class GA(PopulationSearch):
         "mutation.n_bases": Range(6, 15, integer=True),
         "temperature": Range(1.0, 10.0, log=True),
     }
+    tunable_over_contexts: ClassVar[SearchSpace] = TUNABLE_OVER_CONTEXTS
 
     def __init__(
         self, policy: str | type[GAPolicy], env: GymEnv | str, **shared: Unpack[GAArguments]

@@ -48,6 +48,8 @@ class Stream(Protocol):
     modes: Modes = "first"
 
     name: ClassVar[str] = "stream"
+    #: of the generator that draws the held-out contexts
+    held_out_by: ClassVar[tuple[int, int]] = TEST_CONTEXTS
 
     def __post_init__(self) -> None:
         """Check the numbers and the modes."""
@@ -111,7 +113,7 @@ class Stream(Protocol):
 
         :param task: that draws them
         """
-        rng = np.random.default_rng(TEST_CONTEXTS)
+        rng = np.random.default_rng(self.held_out_by)
         return np.stack([task.sample_context(rng) for _ in range(self.n_test)])
 
     def headline(self, curve: Curve) -> str:

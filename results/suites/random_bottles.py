@@ -6,6 +6,7 @@ from results.algorithms import CONTEXTUAL_CMAES, CONTEXTUAL_REPS, GA, RCNMP
 from results.harness.specification import Algorithm
 from results.harness.suite import Recipe
 from results.stream.protocol import Stream
+from results.tuning.streams import TuningStream
 
 
 def twin(regression: str) -> Algorithm:
@@ -29,4 +30,5 @@ ALGORITHMS = {
     "contextual CMA-ES": CONTEXTUAL_CMAES,
 }
 TASKS: dict[str, dict[str, object]] = {"nmp/Bottles-v0": {"random_bottles": True}}
-RECIPE = Recipe(ALGORITHMS, TASKS, 2000, 5, (Stream(0, 10_000, 1000),))
+TUNING = (TuningStream(0, 10_000, 100, 12),)
+RECIPE = Recipe(ALGORITHMS, TASKS, 2000, 5, (Stream(0, 10_000, 1000),), tuning=TUNING)

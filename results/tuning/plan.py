@@ -1,8 +1,10 @@
 """`TuningPlan`: what is equal for all algorithms that are tuned.
 
-What a trial costs is told by one of two measures. ``"rollouts"``: the mean logarithm of the
+What a trial costs is told by one of three measures. ``"rollouts"``: the mean logarithm of the
 rollouts until the greedy policy succeeds, over the tuning runs; a run that never does counts as
 twice its budget. ``"reward"``: minus the mean reward of the greedy trajectory at the end.
+``"failures"``, of streams of contexts and of nothing else: the share of held-out contexts that
+fail, its mean over all evaluations, which lie evenly on a logarithmic scale of rollouts.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,12 +20,13 @@ from results.harness.specification import plain
 from results.harness.suite import Recipe, find_label
 from results.one_context.protocol import OneContext
 from results.report.frames import rollouts_to_success
+from results.stream.protocol import Stream
 from sb3_nmp.common.tuning import Value
 
 #: reported runs have smaller seeds
 FIRST_TUNING_SEED = 1000
 
-Measure = Literal["rollouts", "reward"]
+Measure = Literal["rollouts", "reward", "failures"]
 
 
 @dataclass(frozen=True)
@@ -51,8 +54,8 @@ class TuningPlan:
     :param protocols: each seed is run once in each
     :param measure: what a trial costs
     :param variants: further settings of the task, by name; each seed is run once in each
-    :raises BenchmarkError: a seed that reported runs have, no seed, fewer than one trial, or no
-        such measure
+    :raises BenchmarkError: a seed that reported runs have, no seed, fewer than one trial, no such
+        measure, or one that goes with other protocols
     """
 
     suite: str
@@ -80,11 +83,33 @@ class TuningPlan:
             raise BenchmarkError(
                 f"measure is {self.measure!r}; a trial costs {' or '.join(get_args(Measure))}."
             )
+        if self.over_contexts != (self.measure == "failures"):
+            goes = "'failures'" if self.over_contexts else "'rollouts' or 'reward'"
+            raise BenchmarkError(
+                f"measure is {self.measure!r}; on the suite '{self.suite}' a trial costs {goes}: "
+                "failures are counted over streams of contexts, and there alone."
+            )
+
+    @property
+    def over_contexts(self) -> bool:
+        """Whether policies for all contexts are learned, from streams of them."""
+        return any(isinstance(each, Stream) for each in self.protocols)
+
+    @property
+    def shows(self) -> bool:
+        """Whether algorithms are shown demonstrations."""
+        return any(
+            each.n_demonstrations > 0 if isinstance(each, Stream) else each != OneContext()
+            for each in self.protocols
+        )
 
     @property
     def record(self) -> dict[str, Any]:
         """Its fields as JSON values."""
-        where = [[each.name, each.number] for each in self.protocols]
+        where = [
+            [each.name, plain(each.settings) if isinstance(each, Stream) else each.number]
+            for each in self.protocols
+        ]
         alone = list(self.variants) == [""]  # which studies from before variants do not tell
         others = {"protocols", "variants"} if alone else {"protocols"}
         names = [each.name for each in fields(self) if each.name not in others]
@@ -100,6 +125,8 @@ class TuningPlan:
 
         :param curve: of its record
         """
+        if self.measure == "failures":
+            return float(np.mean(curve["failure_rate"]))
         if self.measure == "reward":
             return -float(curve["greedy_reward"][-1])
         first = rollouts_to_success(curve["rollouts"], curve["greedy_success"])
@@ -112,6 +139,8 @@ class TuningPlan:
         """
         if trial.cost is None:
             return "failed"
+        if self.measure == "failures":
+            return f"{trial.cost:.1%} fail"
         if self.measure == "reward":
             return f"reward {-trial.cost:.4f}"
         return f"{np.exp(trial.cost):.0f} rollouts"
@@ -124,7 +153,7 @@ class TuningPlan:
         seeds: Sequence[int],
         n_trials: int,
         budget: int | None = None,
-        measure: Measure = "rollouts",
+        measure: Measure | None = None,
         variants: Sequence[str] | None = None,
     ) -> "TuningPlan":
         """Return the plan for a suite.
@@ -134,7 +163,7 @@ class TuningPlan:
         :param seeds: of the runs of each trial
         :param n_trials: of each algorithm
         :param budget: rollouts of a run; the recipe's by default
-        :param measure: what a trial costs
+        :param measure: what a trial costs; rollouts by default, over streams failures
         :param variants: these of the suite's; all by default
         :raises BenchmarkError: the suite is not of one task, has no contexts to tune in, or has
             no such variant
@@ -145,9 +174,12 @@ class TuningPlan:
             raise BenchmarkError(
                 f"the suite '{suite}' cannot be tuned: its runs must be of one task, in one "
                 "context without demonstrations, as those of quick, bottles and rivals are, or it "
-                "must have tuning contexts, as push, pouring and pick-and-place have."
+                "must have tuning contexts, as push, pouring, pick-and-place and random-bottles "
+                "have."
             )
         ((task, settings),) = recipe.tasks.items()
+        if measure is None:
+            measure = "failures" if isinstance(protocols[0], Stream) else "rollouts"
         size = budget or recipe.budget
         known = recipe.variants
         chosen = [

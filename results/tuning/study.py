@@ -22,7 +22,6 @@ from results.harness.slugs import slug
 from results.harness.specification import Algorithm, RunSpecification, plain
 from results.harness.suite import Recipe, find_label
 from results.harness.whole_files import write_whole
-from results.one_context.protocol import OneContext
 from results.tuning.plan import Trial, TuningPlan
 from sb3_nmp.common.tuning import Choice, SearchSpace, Value, arguments_of, value_of
 
@@ -259,7 +258,9 @@ def unfinished_path(path: Path) -> Path:
 
 
 def space_of(algorithm: Algorithm, plan: TuningPlan) -> SearchSpace:
-    """Return what is tuned of an algorithm: more where it is shown demonstrations.
+    """Return what is tuned of an algorithm.
+
+    Over contexts that may be something else, and where demonstrations are shown it is more.
 
     What the suite has set lies in it: where an algorithm's own space does not reach so far, it is
     made to. Where the budget is too short for two generations of at least two of its populations,
@@ -269,9 +270,11 @@ def space_of(algorithm: Algorithm, plan: TuningPlan) -> SearchSpace:
     :param plan: what is equal for all
     """
     kind = algorithm.load()
-    shown = plan.protocols != (OneContext(),)
-    more = getattr(kind, "tunable_with_demonstrations", {}) if shown else {}
-    space = {**getattr(kind, "tunable", {}), **more}
+    space = dict(getattr(kind, "tunable", {}))
+    if plan.over_contexts:
+        space = dict(getattr(kind, "tunable_over_contexts", space))
+    if plan.shows:
+        space |= getattr(kind, "tunable_with_demonstrations", {})
     declared = space.get("population_size")
     if isinstance(declared, Choice):
         fitting = [n for n in declared.values if isinstance(n, int) and 2 * n <= plan.budget]

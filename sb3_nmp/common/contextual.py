@@ -15,8 +15,16 @@ import torch as th
 from numpy.typing import NDArray
 
 from sb3_nmp.common.settings import saved_state, settings_name
+from sb3_nmp.common.tuning import Choice, Range, SearchSpace
 
 FloatArray = NDArray[np.float64]
+#: what is tuned of an algorithm that explores in ever new contexts
+TUNABLE_OVER_CONTEXTS: SearchSpace = {
+    "population_size": Choice((20, 30, 40)),
+    "contextual.largest": Range(2.0, 10.0, log=True),
+    "contextual.after_success": Range(0.2, 0.8, log=True),
+    "contextual.wanted_rate": Range(0.15, 0.6),
+}
 WIDEST = 1e4  # scale of exploration: beyond, all is clipped anyway
 
 

@@ -10,6 +10,7 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 
 from sb3_nmp.common.buffer import RewardScaling, scale_rewards, selection_weights
+from sb3_nmp.common.contextual import TUNABLE_OVER_CONTEXTS
 from sb3_nmp.common.niches import View
 from sb3_nmp.common.operators import blend
 from sb3_nmp.common.population import PopulationArguments, PopulationSearch
@@ -97,6 +98,7 @@ class RCNMP(PopulationSearch):
         "mutation.n_bases": Range(6, 15, integer=True),
         "temperature": Range(1.0, 10.0, log=True),
     }
+    tunable_over_contexts: ClassVar[SearchSpace] = TUNABLE_OVER_CONTEXTS
 
     def __init__(
         self,
