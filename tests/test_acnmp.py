@@ -322,7 +322,7 @@ def test_costs_that_add_up_to_the_reward_are_predicted_apart() -> None:
     assert len(varying_costs(rollouts)) == 2
     assert len(Critic.fit(rng.random((9, 2)), rollouts, hypotheses(np.eye(2))).squares) == 2
     unrelated = generation(np.zeros((9, T, 1)), rng.random(9), terms=costs)
-    assert varying_costs(unrelated) == []
+    assert varying_costs(unrelated) == {}
     assert Critic.fit(rng.random((9, 2)), unrelated, hypotheses(np.eye(2))).whole is not None
     assert normal_scores(np.array([3.0, 1.0, 2.0])).argmax() == 0
 
@@ -388,16 +388,40 @@ def test_too_little_and_too_much_are_two_sides_of_one_error() -> None:
     points = rng.standard_normal((8, 1))
     error = 3 * points[:, 0] - 2  # zero at 2 / 3
     short, excess, other = np.maximum(-error, 0), np.maximum(error, 0), 1 + rng.random(8)
-    alone, (signed,) = two_sided([short, other, excess])
-    np.testing.assert_array_equal(signed, error)
-    assert len(alone) == 1 and alone[0] is other
-    assert two_sided([short, short + 0.1])[1] == []
+    alone, signed = two_sided({"short": short, "other": other, "excess": excess})
+    np.testing.assert_array_equal(signed["excess - short"], error)
+    assert [*alone] == ["other"] and alone["other"] is other
+    assert two_sided({"short": short, "longer": short + 0.1})[1] == {}
     terms = {"short": -short, "excess": -excess}
     rollouts = generation(np.zeros((8, T, 1)), -np.abs(error), terms=terms)
     critic = Critic.fit(points, rollouts, hypotheses(np.eye(1)))
     tried = np.linspace(-2, 2, 401)[:, None]
     best = tried[critic.draw_upper_bounds(tried, rng).argmax(), 0]
     assert best == pytest.approx(2 / 3, abs=0.05)
+
+
+def test_what_was_chosen_for_an_error_serves_no_other() -> None:
+    """Where too much is paid first, two errors are two others afterwards."""
+    rng = np.random.default_rng(4)
+    points = rng.standard_normal((21, 2))
+    points[-1] = 0.0, 3.0
+    signed = np.minimum(points[:, 1], 1.0)  # of all but the last at most 1, so never too much
+    signed[-1] = 2.0
+    terms = {
+        "short": -np.maximum(1.0 - signed, 0.0),
+        "far": -(5.0 + points[:, 0]),
+        "excess": -np.maximum(signed - 1.0, 0.0),
+    }
+    rollouts = generation(np.zeros((21, T, 1)), np.sum([*terms.values()], axis=0), terms=terms)
+    along = hypotheses(np.diag([1.0, 0.0]), np.diag([0.0, 1.0]))
+    before = Critic.fit(points[:20], rollouts[:20], along)
+    assert {*before.chosen} == {"short", "far"}
+    reused, fresh = (Critic.fit(points, rollouts, along, known) for known in (before.chosen, None))
+    assert [*reused.chosen] == ["far", "excess - short"]
+    for one, other in zip(reused.chosen.values(), fresh.chosen.values(), strict=True):
+        assert one.views[0] is other.views[0]
+    kept = Critic.fit(points[:19], rollouts[:19], along, before.chosen)
+    assert kept.chosen["far"].views[0] is before.chosen["far"].views[0]
 
 
 def test_the_critics_search_begins_with_the_greedy_trajectory_and_knows_its_coordinates() -> None:

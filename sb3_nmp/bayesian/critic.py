@@ -3,6 +3,7 @@
 Shape letters: N rollouts, M queries, n coordinates.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import cast
 
@@ -14,6 +15,8 @@ from sb3_nmp.bayesian.gaussian_process import GaussianProcess, Hypotheses
 from sb3_nmp.common.rollouts import DIVERGED, Generation
 
 FloatArray = NDArray[np.float64]
+#: what processes chose, by what they predict
+Chosen = Mapping[str, Hypotheses]
 
 #: rollouts at most from which a critic that aims predicts: those that achieved the nearest
 N_AIMED = 12
@@ -47,6 +50,7 @@ class Critic:
     :param whole: of the reward's normal scores, if nothing else is known
     :param squares: of minus the squared costs
     :param signed: of the signed errors
+    :param names: what they predict, in the order above
     :param to_gain: how far a reward can rise at most: the best rollout's costs or misses, or 1 for
         scores
     """
@@ -54,6 +58,7 @@ class Critic:
     whole: GaussianProcess | None
     squares: tuple[GaussianProcess, ...] = ()
     signed: tuple[GaussianProcess, ...] = ()
+    names: tuple[str, ...] = ("reward",)
     to_gain: float = 1.0
 
     @classmethod
@@ -62,7 +67,7 @@ class Critic:
         points: FloatArray,
         rollouts: Generation,
         hypotheses: Hypotheses,
-        chosen: tuple[Hypotheses, ...] = (),
+        chosen: Chosen | None = None,
         unit: FloatArray | None = None,
     ) -> "Critic":
         """Fit the Gaussian processes.
@@ -71,35 +76,38 @@ class Critic:
         :param rollouts: N of them
         :param hypotheses: for the evidence to choose from
         :param chosen: what an earlier critic's processes chose, which saves the choice; without
-            effect where there are more or fewer of them now
+            effect where others are predicted now
         :param unit: of each entry of the context; 1 by default
         """
-        squares: list[FloatArray] = []
-        signed: list[FloatArray] = []
+        squares: dict[str, FloatArray] = {}
+        signed: dict[str, FloatArray] = {}
         to_gain = 1.0
         if tells_misses(rollouts, unit):
             rows, misses = nearest_misses(rollouts, unit)
-            misses = misses[:, np.ptp(misses, axis=0) > 0]
-            points, signed = points[rows], list(misses.T)
+            varying = np.flatnonzero(np.ptp(misses, axis=0) > 0)
+            points, signed = points[rows], {f"entry {i}": misses[:, i] for i in varying}
             to_gain = float(np.abs(misses).sum(axis=1).min())
         elif len(costs := varying_costs(rollouts)) >= 2:
             alone, signed = two_sided(costs)
-            squares, to_gain = [-(cost**2) for cost in alone], -float(rollouts.rewards.max())
-        targets = [*squares, *signed] or [normal_scores(rollouts.rewards)]
-        known = chosen if len(chosen) == len(targets) else [hypotheses] * len(targets)
+            squares = {name: -(cost**2) for name, cost in alone.items()}
+            to_gain = -float(rollouts.rewards.max())
+        targets = {**squares, **signed} or {"reward": normal_scores(rollouts.rewards)}
+        known = chosen if chosen and chosen.keys() == targets.keys() else {}
         fitted = tuple(
-            GaussianProcess.fit(points, *each) for each in zip(targets, known, strict=True)
+            GaussianProcess.fit(points, target, known.get(name, hypotheses))
+            for name, target in targets.items()
         )
         if not squares and not signed:
             return cls(fitted[0])
         n = len(squares)
-        return cls(None, fitted[:n], fitted[n:], to_gain)
+        return cls(None, fitted[:n], fitted[n:], tuple(targets), to_gain)
 
     @property
-    def chosen(self) -> tuple[Hypotheses, ...]:
+    def chosen(self) -> Chosen:
         """What the processes chose."""
         whole = () if self.whole is None else (self.whole,)
-        return tuple(each.chosen for each in (*whole, *self.squares, *self.signed))
+        fitted = (*whole, *self.squares, *self.signed)
+        return {name: one.chosen for name, one in zip(self.names, fitted, strict=True)}
 
     def draw_upper_bounds(self, points: FloatArray, rng: np.random.Generator) -> FloatArray:
         """Return a random upper confidence bound of each point's reward, shape (M,).
@@ -135,6 +143,7 @@ class Critic:
             None if self.whole is None else self.whole.condition_on_mean(point),
             tuple(process.condition_on_mean(point) for process in self.squares),
             tuple(process.condition_on_mean(point) for process in self.signed),
+            self.names,
             self.to_gain,
         )
 
@@ -151,12 +160,12 @@ def told_costs(rollouts: Generation) -> dict[str, FloatArray]:
     return costs if is_sum and np.allclose(known, -rollouts.rewards) else {}
 
 
-def varying_costs(rollouts: Generation) -> list[FloatArray]:
+def varying_costs(rollouts: Generation) -> dict[str, FloatArray]:
     """Return those of the `told_costs` that are not constant.
 
     :param rollouts: N of them
     """
-    return [cost for cost in told_costs(rollouts).values() if np.ptp(cost) > 0]
+    return {name: cost for name, cost in told_costs(rollouts).items() if np.ptp(cost) > 0}
 
 
 def may_aim(rollouts: Generation) -> bool:
@@ -200,20 +209,23 @@ def nearest_misses(
     return rows, misses[rows]
 
 
-def two_sided(costs: list[FloatArray]) -> tuple[list[FloatArray], list[FloatArray]]:
+def two_sided(
+    costs: Mapping[str, FloatArray],
+) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
     """Return the costs that stand alone, and the signed errors of which two are the two sides.
 
-    >>> two_sided([np.array([0.0, 3.0, 0.0]), np.array([1.0, 1.0, 2.0]), np.array([2.0, 0.0, 0.0])])
-    ([array([1., 1., 2.])], [array([ 2., -3.,  0.])])
+    >>> less, more = np.array([0.0, 3.0, 0.0]), np.array([2.0, 0.0, 0.0])
+    >>> two_sided({"less": less, "far": np.array([1.0, 1.0, 2.0]), "more": more})
+    ({'far': array([1., 1., 2.])}, {'more - less': array([ 2., -3.,  0.])})
 
-    :param costs: none of them constant, each of shape (N,)
+    :param costs: by name, none of them constant, each of shape (N,)
     """
-    alone: list[FloatArray] = []
-    signed: list[FloatArray] = []
-    for cost in costs:
-        other = next((i for i, one in enumerate(alone) if not (one * cost).any()), None)
+    alone: dict[str, FloatArray] = {}
+    signed: dict[str, FloatArray] = {}
+    for name, cost in costs.items():
+        other = next((one for one in alone if not (alone[one] * cost).any()), None)
         if other is None:
-            alone.append(cost)
+            alone[name] = cost
         else:
-            signed.append(cost - alone.pop(other))
+            signed[f"{name} - {other}"] = cost - alone.pop(other)
     return alone, signed

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_nmp.bayesian.critic import Critic, tells_misses
+from sb3_nmp.bayesian.critic import Chosen, Critic, tells_misses
 from sb3_nmp.bayesian.gaussian_process import Hypotheses
 from sb3_nmp.bayesian.settings import ACNMPCritic
 from sb3_nmp.common.context_search import ContextSearch
@@ -155,7 +155,7 @@ class CriticSearch:
             self.settings.lengths,
             self.settings.noises,
         )
-        self._chosen: tuple[Hypotheses, ...] = ()
+        self._chosen: Chosen = {}
         self._n_when_chosen = 0
 
     @property
@@ -213,7 +213,7 @@ class CriticSearch:
         rollouts = rollouts[self.n_forgotten :]
         aims = tells_misses(rollouts, self.unit)
         if n >= RECHOOSE * self._n_when_chosen or aims != self.aims:
-            self._chosen, self._n_when_chosen = (), n
+            self._chosen, self._n_when_chosen = {}, n
         self.aims, self.has_aimed = aims, self.has_aimed or aims
         rows = np.arange(n)
         if not aims:
@@ -266,7 +266,7 @@ class CriticSearch:
             self.space = replace(self.space, origin=self.elsewhere.pop(0))
             self.n_forgotten += len(self.points)
             self.points = np.empty((0, self.space.size))
-            self._chosen, self._n_when_chosen = (), 0
+            self._chosen, self._n_when_chosen = {}, 0
 
     @property
     def is_to_be_taught(self) -> bool:
