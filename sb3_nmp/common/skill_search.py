@@ -205,11 +205,19 @@ class SkillSearch(BufferedAlgorithm):
         self.logger.record("train/success_rate", rate)
 
     def _learn_from_all(self, search: ContextualSearch, by_achievement: bool) -> None:
-        """Let the skill learn from all rollouts, and from what was shown."""
+        """Let the skill learn from all rollouts, and from what was shown.
+
+        Weights are deviations from where a context lets begin: of a rollout that counts for what it
+        achieved, from where that context would have.
+        """
         buffer, skill = self.replay_buffer, self._skill
+        right_in = buffer.contexts
+        if by_achievement:
+            told = np.isfinite(buffer.achieved).all(axis=1, keepdims=True)
+            right_in = np.where(told, buffer.achieved, buffer.contexts)
         experience = Experience(
             buffer.contexts.astype(np.float64),
-            skill.space.weights(buffer.contexts, buffer.trajectories),
+            skill.space.weights(right_in, buffer.trajectories),
             buffer.rewards,
             buffer.successes,
             buffer.achieved if by_achievement else None,

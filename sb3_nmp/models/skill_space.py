@@ -130,3 +130,14 @@ class SkillSpace(nn.Module):
         bases = self.bases[at].to(weights.dtype)
         shaped = weights.unflatten(-1, (self.n_bases, self.n_dimensions))
         return (bases @ shaped).flatten(-2)
+
+    def initial_moments(self, contexts: th.Tensor) -> th.Tensor:
+        """Return the initial trajectories at the same moments, shape (N, moments * D).
+
+        Without what they have in common: 0 where they do not depend on the context.
+
+        :param contexts: shape (N, C)
+        """
+        at = th.linspace(0, len(self.bases) - 1, N_MOMENTS).long()
+        slopes = self.initial[1:, at].to(contexts.dtype)
+        return th.tensordot(contexts, slopes, dims=1).flatten(-2)

@@ -99,10 +99,11 @@ class AchievementConditionedSkill(GrowingModule):
         n_new = len(achieved) - len(self.achieved)
         if len(self.achieved) == 0:
             self.contexts.take(contexts)
-            self.moments.take(space.moments(weights), groups=space.n_dimensions)
+            moments = space.moments(weights) + space.initial_moments(achieved)
+            self.moments.take(moments, groups=space.n_dimensions)
         self.goals.copy_((contexts != achieved).any(dim=0))
         self.achieved, self.weights = self.contexts(achieved), weights
-        inputs = self._inputs(space, self.contexts(contexts), weights)
+        inputs = self._inputs(space, self.achieved, weights)
         n_steps = round(self.settings.steps_per_rollout * n_new)
         self.model.fit(inputs, self.achieved, n_steps, self.settings.training, generator)
 
@@ -156,10 +157,13 @@ class AchievementConditionedSkill(GrowingModule):
         return errors / (2 * s.tolerance**2) + 0.5 * (step**2).sum(dim=1) / s.width**2
 
     def _inputs(self, space: SkillSpace, contexts: th.Tensor, weights: th.Tensor) -> th.Tensor:
-        """Return what the ensemble sees: circumstances and moments; goals are none of its business.
+        """Return what the ensemble sees: circumstances, and where trajectories are at some moments.
 
-        :param contexts: standardised, shape (N, C)
+        Goals are none of its business.
+
+        :param contexts: from whose initial trajectories the weights deviate, standardised (N, C)
         :param weights: shape (N, P)
         """
         circumstances = (1.0 - self.goals) * contexts
-        return th.cat([circumstances, self.moments(space.moments(weights))], dim=1)
+        begun = space.initial_moments(contexts * self.contexts.std + self.contexts.mean)
+        return th.cat([circumstances, self.moments(space.moments(weights) + begun)], dim=1)
