@@ -120,8 +120,9 @@ def solve(rewards: FloatArray, epsilon: float, references: References) -> DualSo
     """Minimise the dual over eta >= 0, nu >= 0, omega >= 0 with k > 0.
 
     Scale-free as in `baselines.reps.dual.solve`. Where no policy satisfies the constraints, the
-    dual has no minimum; the multipliers stop at `MULTIPLIER_MAX` and ``feasible`` is False. With
-    equal rewards there is nothing to gain: the weights are equal.
+    dual has no minimum, and its multipliers run away to single samples; then the weights are those
+    of REPS, which keep near q, and ``feasible`` is False. With equal rewards there is nothing to
+    gain: the weights are equal.
 
     :param rewards: R, shape (N,)
     :param epsilon: bound on KL(pi || q), in nats, > 0
@@ -133,8 +134,9 @@ def solve(rewards: FloatArray, epsilon: float, references: References) -> DualSo
     scaled, std = standardize(rewards)
     plain = reps_dual.solve(rewards, epsilon)
     m = len(references.signs)
+    without = _solution(plain.weights, plain.eta, np.zeros(m), epsilon, references)
     if std == 0.0 or m == 0:
-        return _solution(plain.weights, plain.eta, np.zeros(m), epsilon, references)
+        return without
 
     # Coordinates log k and mu = lambda / k: all of one order, and eta >= 0 becomes s . mu <= 1.
     def objective(x: FloatArray) -> tuple[float, FloatArray]:
@@ -158,7 +160,8 @@ def solve(rewards: FloatArray, epsilon: float, references: References) -> DualSo
     multipliers = k * np.clip(result.x[1:], 0.0, MULTIPLIER_MAX)
     weights = sample_weights(k, multipliers, scaled, references)
     eta = max(k - float(references.signs @ multipliers), 0.0)
-    return _solution(weights, eta * std, multipliers * std, epsilon, references)
+    found = _solution(weights, eta * std, multipliers * std, epsilon, references)
+    return found if found.feasible else without
 
 
 def _solution(
