@@ -143,7 +143,10 @@ BOARDS = {
     ),
     "random-bottles": Board(
         "between two bottles wherever they stand, from nothing",
-        replace(random_bottles.RECIPE, budget=500, protocols=(Stream(0, 10_000, 300, 16),)),
+        replace(
+            _equal("random-bottles", random_bottles.RECIPE, 500),
+            protocols=(Stream(0, 10_000, 300, 16),),
+        ),
         tuple(range(300, 310)),
         n_checked=10,
         most_failures=0.02,
