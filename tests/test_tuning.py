@@ -129,14 +129,17 @@ def test_what_a_suite_tunes_with_demonstrations_is_accepted(suite: str) -> None:
 STREAMED = find_recipe("random-bottles")
 
 
-def test_a_stream_is_tuned_on_contexts_that_no_table_reports() -> None:
-    (task_id,) = STREAMED.tasks
-    settings: dict[str, Any] = dict(STREAMED.tasks[task_id])
+@pytest.mark.parametrize("suite", ["random-bottles", "aperture"])
+def test_a_stream_is_tuned_on_contexts_that_no_table_reports(suite: str) -> None:
+    recipe = find_recipe(suite)
+    ((task_id, made),) = recipe.tasks.items()
+    settings: dict[str, Any] = dict(made)
     task = make_task(task_id, **settings)
-    (tuning,), (reported,) = STREAMED.tuning, STREAMED.protocols
+    (tuning,), (reported,) = recipe.tuning, recipe.protocols
     assert isinstance(tuning, TuningStream) and isinstance(reported, Stream)
     one, other = tuning.test_contexts(task), reported.test_contexts(task)
     assert np.linalg.norm(one[:, None] - other, axis=2).min() > 0.001  # m; of 100,000 pairs
+    assert tuning.n_demonstrations == reported.n_demonstrations
 
 
 @pytest.mark.parametrize("label", STREAMED.algorithms)
@@ -152,6 +155,21 @@ def test_what_is_tuned_over_contexts_is_accepted(label: str) -> None:
         settings = with_settings(algorithm, chosen).settings
         made = algorithm.load()("MlpPolicy", plan.task, **settings)
         assert not ours or made.contextual.wanted_rate == chosen["contextual.wanted_rate"]
+
+
+@pytest.mark.parametrize("label", ["ProMP+RL (Ewerton)", "contextual REPS", "contextual CMA-ES"])
+def test_what_is_tuned_on_apertures_is_accepted(label: str) -> None:
+    recipe = find_recipe("aperture")
+    plan = TuningPlan.of("aperture", recipe, [1000], 2, 3000)
+    assert plan.measure == "failures" and plan.shows
+    algorithm = recipe.algorithms[label]
+    space = study.space_of(algorithm, plan)
+    assert 2 <= len(space) <= 4
+    shown = Demonstrations.from_task(plan.task, 3, np.random.default_rng(0))
+    for end in (0, -1):
+        chosen = {name: values(what)[end] for name, what in space.items()}
+        settings = with_settings(algorithm, chosen).settings
+        algorithm.load()("MlpPolicy", plan.task, demonstrations=shown, **settings)
 
 
 def test_a_stream_costs_the_share_that_fails_and_nothing_else() -> None:

@@ -14,6 +14,7 @@ from results.algorithms import (
 )
 from results.harness.suite import Recipe
 from results.stream.protocol import Stream
+from results.tuning.streams import TuningStream
 from sb3_nmp import (
     ACNMPAdaptation,
     ACNMPExploration,
@@ -52,4 +53,5 @@ ALGORITHMS = {
     "contextual CMA-ES": replace(CONTEXTUAL_CMAES, settings=SHARED),
 }
 TASKS: dict[str, dict[str, object]] = {"nmp/Aperture-v0": {}}
-RECIPE = Recipe(ALGORITHMS, TASKS, budget=10_000, n_seeds=5, protocols=(Stream(),))
+TUNING = (TuningStream(n_test=100, n_evaluations=12),)
+RECIPE = Recipe(ALGORITHMS, TASKS, 10_000, n_seeds=5, protocols=(Stream(),), tuning=TUNING)

@@ -174,8 +174,8 @@ class TuningPlan:
             raise BenchmarkError(
                 f"the suite '{suite}' cannot be tuned: its runs must be of one task, in one "
                 "context without demonstrations, as those of quick, bottles and rivals are, or it "
-                "must have tuning contexts, as push, pouring, pick-and-place and random-bottles "
-                "have."
+                "must have tuning contexts, as push, pouring, pick-and-place, aperture and "
+                "random-bottles have."
             )
         ((task, settings),) = recipe.tasks.items()
         if measure is None:
