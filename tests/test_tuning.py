@@ -166,8 +166,9 @@ def test_what_is_tuned_on_apertures_is_accepted(label: str) -> None:
     space = study.space_of(algorithm, plan)
     assert 2 <= len(space) <= 4
     shown = Demonstrations.from_task(plan.task, 3, np.random.default_rng(0))
-    for end in (0, -1):
-        chosen = {name: values(what)[end] for name, what in space.items()}
+    for end in range(len(values(space["population_size"]))):
+        chosen = {name: values(what)[min(end, 1)] for name, what in space.items()}
+        chosen["population_size"] = values(space["population_size"])[end]
         settings = with_settings(algorithm, chosen).settings
         algorithm.load()("MlpPolicy", plan.task, demonstrations=shown, **settings)
 

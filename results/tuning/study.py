@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -264,7 +264,8 @@ def space_of(algorithm: Algorithm, plan: TuningPlan) -> SearchSpace:
 
     What the suite has set lies in it: where an algorithm's own space does not reach so far, it is
     made to. Where the budget is too short for two generations of at least two of its populations,
-    smaller ones stand in their place: two to six generations.
+    smaller ones stand in their place: two to six generations. Where the suite tries several
+    rollouts in each context, populations are multiples of them.
 
     :param algorithm: as the suite has it
     :param plan: what is equal for all
@@ -277,15 +278,26 @@ def space_of(algorithm: Algorithm, plan: TuningPlan) -> SearchSpace:
         space |= getattr(kind, "tunable_with_demonstrations", {})
     declared = space.get("population_size")
     if isinstance(declared, Choice):
-        fitting = [n for n in declared.values if isinstance(n, int) and 2 * n <= plan.budget]
-        smaller = sorted({max(2, plan.budget // n) for n in (6, 4, 3, 2)})
-        if len(fitting) < 2 <= len(smaller):
-            space["population_size"] = Choice(tuple(smaller))
+        each = cast(int, algorithm.settings.get("rollouts_per_context", 1))
+        space["population_size"] = _populations(declared, plan.budget, each)
     own = {name: value_of(kind, name, algorithm.settings) for name in space}
     return {
         name: what if own[name] is None else what.reaching(own[name])
         for name, what in space.items()
     }
+
+
+def _populations(declared: Choice, budget: int, each: int) -> Choice:
+    """Return the populations that are tried.
+
+    :param declared: by the algorithm
+    :param budget: rollouts of a run
+    :param each: rollouts in each context, of which a population is a multiple
+    """
+    values = [n for n in declared.values if isinstance(n, int) and n % each == 0]
+    smaller = sorted({max(2, budget // n) for n in (6, 4, 3, 2)})
+    too_short = len([n for n in values if 2 * n <= budget]) < 2 <= len(smaller)
+    return Choice(tuple(smaller if too_short and each == 1 else values or [each]))
 
 
 def suggest(trial: "optuna.Trial", name: str, what: object) -> Value:
