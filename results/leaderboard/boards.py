@@ -103,14 +103,15 @@ _ABLATIONS = {
 }
 
 
-def _equal(suite: str, recipe: Recipe, budget: int) -> Recipe:
-    """Return a suite's recipe with one budget, without ablations, with what its studies tuned.
+def _equal(suite: str, recipe: Recipe, budget: int, without: set[str] = _ABLATIONS) -> Recipe:
+    """Return a suite's recipe with one budget, without some rows, with what its studies tuned.
 
     :param suite: its name
     :param recipe: what it is made of
     :param budget: rollouts of a run
+    :param without: labels of its rows; ablations by default
     """
-    kept = {label: each for label, each in recipe.algorithms.items() if label not in _ABLATIONS}
+    kept = {label: each for label, each in recipe.algorithms.items() if label not in without}
     rows = {**kept, **tuned_rows(suite, kept)}
     same = {label: replace(algorithm, budget=None) for label, algorithm in rows.items()}
     return replace(recipe, algorithms=same, budget=budget, published=None)
@@ -153,15 +154,7 @@ BOARDS = {
     ),
     "aperture": Board(
         "through apertures wherever they are, 30 demonstrations",
-        replace(
-            aperture.RECIPE,
-            algorithms={
-                label: each
-                for label, each in aperture.ALGORITHMS.items()
-                if label not in _NOT_ON_APERTURE
-            },
-            budget=3000,
-        ),
+        _equal("aperture", aperture.RECIPE, 3000, _NOT_ON_APERTURE),
         tuple(range(300, 310)),
         n_checked=10,
         most_failures=0.02,
