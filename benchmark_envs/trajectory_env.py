@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from benchmark_envs.exceptions import NoPicturesError, TaskError
+from benchmark_envs.exceptions import InvalidTrajectoryError, NoPicturesError, TaskError
 from benchmark_envs.registry import make_task
 from benchmark_envs.rollouts import FloatArray, Rollouts
 from benchmark_envs.task import Task
@@ -114,10 +114,16 @@ class TrajectoryEnv(gym.Env[NDArray[Any], NDArray[Any]]):
 
         :param action: shape (T, D)
         :return: the context, the reward, True, False, and the rollout's info
-        :raises InvalidTrajectoryError: wrong shape or non-finite value
+        :raises InvalidTrajectoryError: wrong shape, more than one, or non-finite value
         """
         context = self._current_context()
-        trajectory = self.task.check_trajectories(action)[0]
+        trajectories = self.task.check_trajectories(action)
+        if len(trajectories) != 1:
+            raise InvalidTrajectoryError(
+                f"step was given {len(trajectories)} trajectories; an episode executes one, of "
+                f"shape (T, D) = {self.action_space.shape}: give each to an episode of its own."
+            )
+        trajectory = trajectories[0]
         fetched, self._prefetched = self._prefetched, None
         if fetched is not None and np.array_equal(fetched.trajectories[0], trajectory):
             self._last = fetched

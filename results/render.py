@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import NDArray
 
 from benchmark_envs import Task, make_task
@@ -122,12 +124,17 @@ def load_model(request: RenderRequest) -> TrajectoryAlgorithm:
     """Return the model of a request.
 
     :param request: whose
-    :raises BenchmarkError: there is no such file, or it is none of this algorithm. No code from it
-        is run
+    :raises BenchmarkError: there is no such file, it is none of this algorithm, or reading this
+        algorithm's files may run their code
     """
     if request.model is None or not request.model.exists():
         raise BenchmarkError(f"there is no model '{request.model}'; give a file of model.save().")
     algorithm = find_algorithm(request.algorithm).load()
+    if not issubclass(algorithm, TrajectoryAlgorithm):
+        raise BenchmarkError(
+            f"--algorithm {request.algorithm} is no TrajectoryAlgorithm, and other classes may "
+            "unpickle what they load, which can run any code: give a run of it instead (--run)."
+        )
     try:
         return algorithm.load(request.model)
     except FileFormatError as error:
@@ -185,13 +192,24 @@ def _record(path: Path) -> RunRecord:
 
 def _check_spaces(model: TrajectoryAlgorithm, task: Task, request: RenderRequest) -> None:
     """Raise unless a model answers a task's contexts with its trajectories."""
-    has = (model.observation_space.shape, model.action_space.shape)
-    needed = (task.context_space.shape, task.trajectory_space.shape)
-    if has != needed:
-        raise BenchmarkError(
-            f"'{request.model}' was trained on contexts of shape {has[0]} and trajectories of "
-            f"{has[1]}, and {request.task} has {needed[0]} and {needed[1]}: name the model's task."
-        )
+    for what, has, asked in (
+        ("contexts", model.observation_space, task.context_space),
+        ("trajectories", model.action_space, task.trajectory_space),
+    ):
+        if has != asked:
+            raise BenchmarkError(
+                f"'{request.model}' was trained on {what} of {_told(has)}, and those of "
+                f"{request.task} are of {_told(asked)}: name the model's task."
+            )
+
+
+def _told(space: spaces.Space[Any]) -> str:
+    """Return the shape and the bounds of contexts or trajectories in words."""
+    if not isinstance(space, spaces.Box):
+        return f"{space}"
+    rows = (np.atleast_2d(bound).round(4) for bound in (space.low, space.high))
+    low, high = (bound[0].tolist() for bound in rows)
+    return f"shape {space.shape} from {low} to {high}"
 
 
 def write_film(frames: Frames, out: Path, per_second: float, speed: float = 1.0) -> None:

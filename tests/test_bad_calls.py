@@ -11,8 +11,15 @@ from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import SubprocVecEnv
 
-from baselines import BO, CMAES, GA, REPS, RandomSearch
-from sb3_nmp import ACNMP, RCNMP, CNMPPretraining, Demonstrations, ResumeWarning
+from baselines import BO, CMAES, GA, REPS, ContextualREPS, RandomSearch
+from sb3_nmp import (
+    ACNMP,
+    RCNMP,
+    CNMPPretraining,
+    Demonstrations,
+    InvalidDataError,
+    ResumeWarning,
+)
 from sb3_nmp.common.resampling import resample
 from sb3_nmp.zoo.entries import ENTRIES
 from tests.registry import ENV_ID
@@ -41,6 +48,27 @@ class Telling(Plain):
         if self.n < 7:
             return context, reward, *ended, {}
         return context, reward if self.reward is None else self.reward, *ended, self.told
+
+
+class Lost(Plain):
+    """Observes no finite context once, after nine resets; it is drawn or pinned."""
+
+    drawn = False
+    n = 0
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed)
+        asked = (options or {}).get("context")
+        if asked is not None or not self.drawn:
+            self.context = np.zeros(1, np.float32) if asked is None else asked
+        self.n += 1
+        return np.full(1, NAN, np.float32) if self.n == 9 else self.context, {}
+
+
+def lost(drawn: bool) -> Any:
+    env = Lost()
+    env.drawn = drawn
+    return env
 
 
 def telling(reward: float | None = None, **told: Any) -> Any:
@@ -82,6 +110,26 @@ BAD: dict[str, tuple[Call, tuple[str, ...]]] = {
             (REPS, {}), (GA, {}), (RCNMP, {}),
         )
         for reward in (NAN, -INF)
+    },
+    **{
+        f"a context of nan, {'drawn' if drawn else 'pinned'}, for {algorithm.__name__}": (
+            lambda _, a=algorithm, s=settings, d=drawn: learnt(a, lost(d), **s),
+            ("environment 0 observed the context [nan]", "must be finite", "its reset"),
+        )
+        for algorithm, settings in (
+            (ACNMP, QUICK), (BO, {"demonstrations": SHOWN}), (RandomSearch, {}), (REPS, {}),
+            (ContextualREPS, {}), (GA, {}), (RCNMP, {}),
+        )
+        for drawn in (False, True)
+    },
+    **{
+        f"{name} of {context!r}": (
+            lambda _, n=name, c=context: getattr(made(RCNMP).policy, n)(c), told,
+        )
+        for name in ("greedy", "own_answer")
+        for context, told in (
+            (np.zeros((2, 3)), CONTEXT_RULE), (np.array([NAN]), ("[nan]", "not finite")),
+        )
     },
     "a success of two": (
         lambda _: learnt(GA, telling(is_success=np.array([True, False]))),
@@ -169,6 +217,16 @@ BAD: dict[str, tuple[Call, tuple[str, ...]]] = {
         lambda _: Demonstrations.from_minari(3), ("dataset is 3", "a minari.MinariDataset"),
     ),
 }  # fmt: skip
+
+
+@pytest.mark.parametrize("algorithm", [RCNMP, REPS, RandomSearch])
+def test_learning_goes_on_after_a_context_that_was_not_finite(algorithm: Any) -> None:
+    model = made(algorithm, lost(drawn=False), seed=0)
+    with pytest.raises(InvalidDataError):
+        model.learn(40)
+    before = model.num_timesteps
+    assert 0 < before < 9
+    assert model.learn(22, reset_num_timesteps=False).num_timesteps == before + 22
 
 
 @pytest.mark.parametrize("kind", BAD)

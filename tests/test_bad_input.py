@@ -431,6 +431,12 @@ BAD: dict[str, tuple[Call, tuple[str, ...]]] = {
     "a trajectory of another shape": (
         lambda _: stepped(task_env(), np.zeros((3, 2))), ("(3, 2)", "(200, 2)"),
     ),
+    "several trajectories in one episode": (
+        lambda _: stepped(task_env(), np.zeros((3, 200, 2))), ("given 3 traj", "an episode of its"),
+    ),
+    "no trajectory": (
+        lambda _: stepped(task_env(), np.zeros((0, 200, 2))), ("given 0 traj", "executes one"),
+    ),
     "a trajectory of nan": (
         lambda _: stepped(task_env(), np.full((200, 2), NAN)), ("nan at time point 0", "finite"),
     ),

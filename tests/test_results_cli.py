@@ -206,6 +206,17 @@ def test_what_is_no_run_is_not_advised_to_be_removed(tmp_path: Path):
     other = RenderRequest("nmp/Push-v0", model=model, algorithm="ga")
     with pytest.raises(BenchmarkError, match=r"contexts of shape \(4,\).*name the model's task"):
         chosen_rollout(other)
+    alike = RenderRequest("nmp/Aperture-v0", model=model, algorithm="ga")
+    with pytest.raises(BenchmarkError, match=r"contexts of shape \(4,\).*name the model's task"):
+        chosen_rollout(alike)
+
+
+def test_no_model_is_drawn_whose_file_could_run_code(tmp_path: Path):
+    model = tmp_path / "ppo.zip"
+    model.touch()
+    foreign = RenderRequest("nmp/Bottles-v0", model=model, algorithm="stable_baselines3:PPO")
+    with pytest.raises(BenchmarkError, match=r"PPO is no TrajectoryAlgorithm.*\(--run\)"):
+        chosen_rollout(foreign)
 
 
 def test_a_damaged_run_and_an_older_one_are_told_apart(folder: Path, tmp_path: Path):

@@ -77,13 +77,14 @@ class ACNMPPolicy(ElitePolicy):
         K is the number of modes that the demonstrations have, at most ``n_modes`` of
         `CNMPArchitecture`. `predict` answers with the likeliest.
 
-        :param contexts: shape (N, C)
+        :param contexts: shape (N, C), or (C,) for one
         :raises ConfigurationError: no modes were looked for
+        :raises InvalidDataError: contexts of another shape, or not finite
         """
         cnmp, gate = self.cnmp, self.cnmp.gate
         if gate is None:
             return super().modes(contexts)
-        asked = cnmp.times.new_tensor(np.asarray(contexts))
+        asked = cnmp.times.new_tensor(self._checked_contexts(contexts))
         answers = self._allowed(cnmp.each_mode(asked)[:, gate.is_taken])
         likely = gate.log_shares(cnmp.normalise_contexts(asked))[:, gate.is_taken]
         return answers.cpu().numpy().astype(np.float64), likely.cpu().numpy().astype(np.float64)

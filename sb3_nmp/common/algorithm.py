@@ -283,6 +283,7 @@ class TrajectoryAlgorithm(GenerationAlgorithm):
         """
         n_envs, space = env.num_envs, cast(spaces.Box, self.action_space)
         self._drop_what_does_not_fit(n_envs)
+        self._finite(self._last_obs)
         if not self._generation_started:
             self._begin_generation()
             self._generation_started, self._size_begun = True, self.generation_size
@@ -317,8 +318,9 @@ class TrajectoryAlgorithm(GenerationAlgorithm):
         :param env: the environments
         :param members: those that come next
         :raises ConfigurationError: the environments do not take the reset option ``context``
+        :raises InvalidDataError: a context that is not finite
         """
-        wanted, seen = self._wanted_contexts(members), np.array(self._last_obs, np.float32)
+        wanted, seen = self._wanted_contexts(members), self._finite(self._last_obs)
         if wanted is None or np.array_equal(seen, wanted):
             return seen
         self._last_obs = environment.ask_contexts(env, wanted, type(self).__name__)

@@ -256,6 +256,21 @@ def check_achieved(achieved: FloatArray | None, space: spaces.Box) -> None:
         )
 
 
+def check_contexts(contexts: NDArray[np.floating]) -> None:
+    """Raise unless what the environments observe is finite.
+
+    :param contexts: one of each environment, shape (n, C)
+    :raises InvalidDataError: it is not
+    """
+    finite = np.isfinite(contexts).all(axis=1)
+    if not finite.all():
+        number = int(finite.argmin())
+        raise InvalidDataError(
+            f"environment {number} observed the context {contexts[number].tolist()}; every "
+            "number of it must be finite: look at what its reset returns."
+        )
+
+
 def ask_contexts(env: VecEnv, wanted: NDArray[np.float32], algorithm: str) -> NDArray[np.float32]:
     """Reset the environments in given contexts; return these as they are observed, shape (n, C).
 
@@ -263,9 +278,11 @@ def ask_contexts(env: VecEnv, wanted: NDArray[np.float32], algorithm: str) -> ND
     :param wanted: one for each, shape (n, C)
     :param algorithm: its name, for the message
     :raises ConfigurationError: they do not take the reset option ``context``
+    :raises InvalidDataError: a context that is not finite
     """
     env.set_options([{"context": context} for context in wanted])
     observed = cast(NDArray[np.float32], env.reset())
+    check_contexts(np.asarray(observed))
     if not np.allclose(observed, wanted, atol=1e-5):
         raise ConfigurationError(
             f"{algorithm} asked the environments for the context {wanted[0].tolist()} and got "

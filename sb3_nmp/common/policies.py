@@ -90,8 +90,9 @@ class TrajectoryPolicy(BasePolicy):
         It is what a search leaves in the model itself. Where the greedy answer is a remembered
         rollout, the two differ.
 
-        :param contexts: shape (N, C)
+        :param contexts: shape (N, C), or (C,) for one
         :return: None where there is no model, or where it has learned nothing
+        :raises InvalidDataError: contexts of another shape, or not finite
         """
         with th.no_grad():
             answered = self._learned(self._rows(contexts))
@@ -105,7 +106,7 @@ class TrajectoryPolicy(BasePolicy):
         return None
 
     def _rows(self, contexts: NDArray[np.floating]) -> th.Tensor:
-        return th.tensor(np.asarray(contexts), dtype=th.float32, device=self.device)
+        return th.tensor(self._checked_contexts(contexts), device=self.device)
 
     def _inside(self, trajectories: th.Tensor) -> NDArray[np.float64]:
         space = cast(spaces.Box, self.action_space)
@@ -122,25 +123,35 @@ class TrajectoryPolicy(BasePolicy):
         :return: float32, shape (N, C)
         :raises InvalidDataError: no numbers, another shape, or a value that is not finite
         """
-        given = np.asarray(observation)
+        rows = self._checked_contexts(observation)
+        self._warn_of_contexts(rows)
+        observed, vectorized = super().obs_to_tensor(np.asarray(observation))
+        return cast(th.Tensor, observed).float(), vectorized
+
+    def _checked_contexts(self, contexts: object) -> NDArray[np.float32]:
+        """Return contexts as rows, shape (N, C).
+
+        :param contexts: shape (C,), or (N, C), of any precision
+        :raises InvalidDataError: no numbers, another shape, or a value that is not finite
+        """
+        given = np.asarray(contexts)
         shapes = ((self.context_dim,), (*given.shape[:1], self.context_dim))
         if given.dtype.kind not in "fiub" or given.shape not in shapes:
             raise InvalidDataError(
-                f"the context is {observation!r}, of shape {given.shape}; it must be numbers of "
+                f"the context is {contexts!r}, of shape {given.shape}; it must be numbers of "
                 f"shape (C,) or (N, C), where C is {self.context_dim}."
             )
         if len(given) == 0:
             raise InvalidDataError("no context was given: the array has no rows.")
-        observed, vectorized = super().obs_to_tensor(given)
-        contexts = cast(th.Tensor, observed).float()
-        if not contexts.isfinite().all():
-            row = int((~contexts.isfinite().all(dim=1)).nonzero()[0])
+        with np.errstate(over="ignore"):  # told below
+            rows = given.astype(np.float32).reshape(-1, self.context_dim)
+        finite = np.isfinite(rows).all(axis=1)
+        if not finite.all():
             raise InvalidDataError(
-                f"context {contexts[row].tolist()} holds a value that is not finite; give "
+                f"context {rows[finite.argmin()].tolist()} holds a value that is not finite; give "
                 f"{self.context_dim} finite numbers."
             )
-        self._warn_of_contexts(contexts.cpu().numpy())
-        return contexts, vectorized
+        return rows
 
     def _warn_of_contexts(self, rows: NDArray[np.float32]) -> None:
         """Warn, once, where contexts, shape (N, C), lie outside the observation space."""
@@ -215,8 +226,9 @@ class ElitePolicy(TrajectoryPolicy):
         The first one found comes first; `predict` answers with the best. They are of the one
         context that was pinned in training, and are returned for each context that is asked.
 
-        :param contexts: shape (N, C)
+        :param contexts: shape (N, C), or (C,) for one
         :raises ConfigurationError: no modes were looked for, or none has been found yet
+        :raises InvalidDataError: contexts of another shape, or not finite
         """
         n_found = len(self.ways.rewards)
         if n_found == 0:
@@ -225,7 +237,7 @@ class ElitePolicy(TrajectoryPolicy):
             )
         order = self.ways.contexts[:, 0].argsort().cpu()
         trajectories = self.ways.trajectories.cpu().numpy()[order].astype(np.float64)
-        shape = (len(contexts), n_found)
+        shape = (len(self._checked_contexts(contexts)), n_found)
         return (
             np.broadcast_to(trajectories, (*shape, *self.trajectory_shape)).copy(),
             np.broadcast_to(self.ways.rewards.cpu().numpy()[order], shape).copy(),
@@ -238,7 +250,8 @@ class ElitePolicy(TrajectoryPolicy):
     def greedy(self, contexts: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return the greedy trajectories inside the action space, shape (N, T, D).
 
-        :param contexts: shape (N, C)
+        :param contexts: shape (N, C), or (C,) for one
+        :raises InvalidDataError: contexts of another shape, or not finite
         """
         with th.no_grad():
             return self._inside(self._predict(self._rows(contexts), deterministic=True))

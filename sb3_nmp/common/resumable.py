@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from sb3_nmp.common import environment, stream
 from sb3_nmp.common.argument_types import check_types
 from sb3_nmp.common.arguments import check_names, check_seed
-from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.exceptions import ConfigurationError, InvalidDataError
 from sb3_nmp.common.saving import SafeFiles
 
 #: under which names SB3 keeps arguments
@@ -45,9 +45,24 @@ class ResumableAlgorithm(SafeFiles):
         """Reset the environments; return the contexts that they draw, shape (n_envs, C).
 
         :param env: the environments
+        :raises InvalidDataError: a context that is not finite
         """
         self._before_reset = stream.generator_states(env)
-        return np.array(env.reset(), np.float32)
+        return self._finite(env.reset())
+
+    def _finite(self, observed: object) -> NDArray[np.float32]:
+        """Return contexts that environments observe; where one is not finite, they begin anew.
+
+        :param observed: shape (n_envs, C)
+        :raises InvalidDataError: a value that is not finite; `learn` can be called again
+        """
+        contexts = np.array(observed, np.float32)
+        try:
+            environment.check_contexts(contexts)
+        except InvalidDataError:
+            self._last_obs = None  # so that SB3 resets
+            raise
+        return contexts
 
     def _setup_learn(self, *args: Any, **kwargs: Any) -> tuple[int, BaseCallback]:  # noqa: ANN401
         if self._stream is not None and self.env is not None:

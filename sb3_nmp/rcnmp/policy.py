@@ -192,14 +192,16 @@ class RCNMPPolicy(ElitePolicy):
 
         Where one context was pinned, they are the best rollouts of its modes, and their rewards.
 
-        :param contexts: shape (N, C)
+        :param contexts: shape (N, C), or (C,) for one
         :raises ConfigurationError: no modes were looked for, or none has been found yet
+        :raises InvalidDataError: contexts of another shape, or not finite
         """
         if not self.skill.is_ready:
             return super().modes(contexts)
-        weights, promises = self.skill.modes(contexts)
+        rows = self._checked_contexts(contexts)
+        weights, promises = self.skill.modes(rows)
         space = cast(spaces.Box, self.action_space)
-        each = [self.skill.space.trajectories(contexts, w) for w in weights.swapaxes(0, 1)]
+        each = [self.skill.space.trajectories(rows, w) for w in weights.swapaxes(0, 1)]
         return np.clip(np.stack(each, axis=1), space.low, space.high), promises
 
     def _may_answer(self, elite: int) -> bool:
