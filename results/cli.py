@@ -22,7 +22,7 @@ RUNS = Path("results/runs")
 USAGE_ERROR, INTERRUPTED = 2, 130
 EXIT_STATUS = (
     "exit status: 0 done (failed runs are listed, kept with their reason, and tried again next "
-    "time), 1 every run failed, 2 wrong usage, 130 interrupted"
+    "time), 1 every run failed or the file of one cannot be read, 2 wrong usage, 130 interrupted"
 )
 
 

@@ -857,6 +857,7 @@ def test_contexts_are_judged_apart() -> None:
         (["verify", "--board", "hills", "--algorithms", "nope"], "it has Hill"),
         (["verify", "--exact"], "--exact goes with check"),
         (["check", "--overwrite"], "--overwrite goes with update"),
+        (["check", "--workers", "0"], "--workers is 0; at least 1 process"),
     ],
 )
 def test_wrong_usage_is_told(

@@ -14,9 +14,10 @@ import pytest
 from results.cli import main
 from results.exceptions import BenchmarkError
 from results.harness import provenance as provenance_module
+from results.harness.progress import run_with_progress
 from results.harness.provenance import provenance
 from results.harness.record_files import read_records
-from results.harness.resume import alone_in
+from results.harness.resume import alone_in, plan_runs
 from tests.test_results_runner import do, run_of
 
 ROOT = Path(__file__).parents[1]
@@ -182,6 +183,9 @@ def test_a_record_that_lacks_something_is_left_out_with_the_reason(
     file.write_text(json.dumps(record))
     (why,) = read_records(tmp_path).unreadable.values()
     assert message in why and "Remove the file" in why
+    assert run_with_progress(plan_runs(tmp_path, [run_of(0), run_of(1)]), 1) == 1
+    told = capsys.readouterr()
+    assert "1 of 2 runs are finished" in told.out and "1 of 2 runs are not done" in told.err
     assert main(["table", "--runs", str(tmp_path)]) == 0
     assert "left out" in capsys.readouterr().err
 

@@ -22,7 +22,7 @@ from results.harness.protocol import Protocol
 from results.harness.runner import execute
 from results.stream.protocol import Stream
 from results.suites import find_recipe
-from results.tuning import rows, study
+from results.tuning import rows, study, trials
 from results.tuning.contexts import TuningContext, tuning_contexts
 from results.tuning.plan import Trial, TuningPlan
 from results.tuning.streams import TuningStream
@@ -224,7 +224,7 @@ def test_each_seed_is_run_in_each_variant(monkeypatch: pytest.MonkeyPatch) -> No
         done.append((run.seed, run.task_settings["n_points"]))
         return execute(run)
 
-    monkeypatch.setattr(study, "execute", noted)
+    monkeypatch.setattr(trials, "execute", noted)
     assert study.cost_of("r", RANDOM_SEARCH, plan) is not None
     assert done == [(1000, 6), (1001, 6), (1000, 1), (1001, 1)]
     assert plan.n_runs == 4 and list(plan.record["variants"]) == ["6 points", "1 point"]
@@ -448,6 +448,29 @@ def test_the_command_writes_studies_and_keeps_those_that_are_there(
     assert "random search: kept" in capsys.readouterr().out
 
 
+def test_a_study_whose_trials_all_failed_is_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("optuna")
+
+    def broken(*_: object) -> object:
+        raise BenchmarkError("the engine is cold")
+
+    monkeypatch.setattr(trials, "execute", broken)
+    arguments = ["tune", "--suite", "rivals", "--algorithms", "random search", "--trials", "2"]
+    assert main([*arguments, "--seeds", "1000,", "--budget", "5", "--out", str(tmp_path)]) == 2
+    told = capsys.readouterr().err
+    assert told.count("trial of random search failed, BenchmarkError: the engine is cold") == 2
+    assert "all 2 trials of random search failed" in told
+    assert not list(tmp_path.rglob("*.json"))
+
+
+@pytest.mark.parametrize("budget", ["0", "-5"])
+def test_a_budget_is_at_least_one(budget: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["tune", "--budget", budget]) == 2
+    assert f"the budget is {budget}; a run needs at least 1" in capsys.readouterr().err
+
+
 def test_a_folder_holds_studies_of_one_plan(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -467,8 +490,8 @@ def test_a_folder_holds_studies_of_one_plan(
 
 
 def test_what_cannot_be_tuned_is_refused() -> None:
-    with pytest.raises(BenchmarkError, match="the suite 'aperture' cannot be tuned"):
-        TuningPlan.of("aperture", find_recipe("aperture"), [1000], 3)
+    with pytest.raises(BenchmarkError, match="the suite 'random-push' cannot be tuned"):
+        TuningPlan.of("random-push", find_recipe("random-push"), [1000], 3)
     with pytest.raises(BenchmarkError, match="measure is 'luck'; a trial costs rollouts or"):
         TuningPlan.of("rivals", RECIPE, [1000], 3, measure="luck")  # type: ignore[arg-type]
     with pytest.raises(BenchmarkError, match="nmp/Bottles-v0 has no tuning contexts"):

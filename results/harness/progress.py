@@ -13,6 +13,7 @@ from results.harness.resume import Plan, finished_path
 from results.harness.runner import Backend, Outcome, RolloutCounters, run_plan
 
 DONE, ALL_FAILED, INTERRUPTED = 0, 1, 130
+MISSING = ALL_FAILED  # where a file that is there cannot be read
 
 
 class RunProgress(Progress):
@@ -62,13 +63,20 @@ def run_with_progress(plan: Plan, n_workers: int | None, backend: Backend = "pro
     console = Console(highlight=False, soft_wrap=True)
     for why in plan.unreadable:
         print(f"nmp-bench: {why}", file=sys.stderr)
+    n_asked = len(plan.kept) + len(plan.todo) + len(plan.missing)
     if plan.kept:
         console.print(
-            f"{len(plan.kept)} of {len(plan.kept) + len(plan.todo)} runs are finished in "
+            f"{len(plan.kept)} of {n_asked} runs are finished in "
             f"{plan.folder} already and are kept (--overwrite does them again)."
         )
+    if plan.missing:
+        print(
+            f"nmp-bench: {len(plan.missing)} of {n_asked} runs are not done, for their files "
+            "cannot be read.",
+            file=sys.stderr,
+        )
     if not plan.todo:
-        return DONE
+        return MISSING if plan.missing else DONE
     ended: list[Outcome] = []
     try:
         with (
@@ -96,7 +104,7 @@ def run_with_progress(plan: Plan, n_workers: int | None, backend: Backend = "pro
             f"{plan.folder}/*{FAILED}, and the same command tries them again.",
             file=sys.stderr,
         )
-    return ALL_FAILED if len(failed) == len(ended) else DONE
+    return ALL_FAILED if len(failed) == len(ended) else MISSING if plan.missing else DONE
 
 
 def describe(outcome: Outcome) -> str:

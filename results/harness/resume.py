@@ -27,8 +27,8 @@ class Plan:
     :param todo: the runs to do
     :param kept: the runs that are finished already
     :param overwrite: whether finished runs are done again too
-    :param unreadable: a sentence for each file of the folder that is no readable run; the runs
-        that should be in these files are not done
+    :param unreadable: a sentence for each file of the folder that is no readable run
+    :param missing: the runs that should be in these files; they are not done
     """
 
     folder: Path
@@ -36,6 +36,7 @@ class Plan:
     kept: tuple[RunSpecification, ...]
     overwrite: bool = False
     unreadable: tuple[str, ...] = ()
+    missing: tuple[RunSpecification, ...] = ()
 
 
 def finished_path(folder: Path, run: RunSpecification) -> Path:
@@ -71,14 +72,16 @@ def plan_runs(folder: Path, runs: Iterable[RunSpecification], overwrite: bool = 
         replaced = overwrite or not record.finished
         if not (replaced and record.specification.stem in stems):
             check_comparable(folder, record, runs)
-    kept, todo = [], []
+    kept, todo, missing = [], [], []
     for run in runs:
         damaged = {finished_path(folder, run), failed_path(folder, run)} & set(held.unreadable)
         if not overwrite and damaged:
+            missing.append(run)
             continue
         done = not overwrite and finished_path(folder, run).exists()
         (kept if done else todo).append(run)
-    return Plan(folder, tuple(todo), tuple(kept), overwrite, tuple(held.unreadable.values()))
+    why = tuple(held.unreadable.values())
+    return Plan(folder, tuple(todo), tuple(kept), overwrite, why, tuple(missing))
 
 
 def clear(plan: Plan) -> None:

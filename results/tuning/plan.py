@@ -54,8 +54,8 @@ class TuningPlan:
     :param protocols: each seed is run once in each
     :param measure: what a trial costs
     :param variants: further settings of the task, by name; each seed is run once in each
-    :raises BenchmarkError: a seed that reported runs have, no seed, fewer than one trial, no such
-        measure, or one that goes with other protocols
+    :raises BenchmarkError: a seed that reported runs have, no seed, fewer than one trial or
+        rollout, no such measure, or one that goes with other protocols
     """
 
     suite: str
@@ -77,6 +77,8 @@ class TuningPlan:
                 f"{FIRST_TUNING_SEED}, so tuning needs at least one, and all from there on, such "
                 f"as --seeds {FIRST_TUNING_SEED}-{FIRST_TUNING_SEED + 4}."
             )
+        if self.budget < 1:
+            raise BenchmarkError(f"the budget is {self.budget}; a run needs at least 1 rollout.")
         if self.n_trials < 1:
             raise BenchmarkError(f"n_trials is {self.n_trials}; at least 1 is needed.")
         if self.measure not in get_args(Measure):
@@ -180,7 +182,7 @@ class TuningPlan:
         ((task, settings),) = recipe.tasks.items()
         if measure is None:
             measure = "failures" if isinstance(protocols[0], Stream) else "rollouts"
-        size = budget or recipe.budget
+        size = recipe.budget if budget is None else budget
         known = recipe.variants
         chosen = [
             find_label(v, known, f"the suite '{suite}'", "variant") for v in variants or known

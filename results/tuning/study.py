@@ -9,20 +9,18 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from results.exceptions import BenchmarkError
-from results.harness.memory import return_memory
-from results.harness.runner import execute
 from results.harness.slugs import slug
-from results.harness.specification import Algorithm, RunSpecification, plain
+from results.harness.specification import Algorithm, plain
 from results.harness.suite import Recipe, find_label
 from results.harness.whole_files import write_whole
 from results.tuning.plan import Trial, TuningPlan
+from results.tuning.trials import cost_of
 from sb3_nmp.common.tuning import Choice, SearchSpace, Value, arguments_of, value_of
 
 if TYPE_CHECKING:
@@ -162,8 +160,8 @@ def tune_suite(
     :param folder: of the studies; those that it holds are kept
     :param labels: of the algorithms; all by default
     :param overwrite: do studies again that the folder holds
-    :raises BenchmarkError: no such algorithm, or the folder holds a study of another plan, beside
-        which those of this one would not be tuned equally
+    :raises BenchmarkError: no such algorithm, all trials of one failed, or the folder holds a study
+        of another plan, beside which those of this one would not be tuned equally
     """
     known = list(recipe.algorithms)
     where = f"the suite '{plan.suite}'"
@@ -185,6 +183,12 @@ def tune_suite(
         keep = partial(StudySummary.keep, folder=folder)
         summary = tune(label, recipe.algorithms[label], plan, keep, begun)
         first, best = summary.trials[0], summary.best
+        if best.cost is None:
+            unfinished_path(path).unlink(missing_ok=True)
+            raise BenchmarkError(
+                f"all {plan.n_trials} trials of {label} failed, so there is no study of it: mend "
+                "what the lines above tell, or name the other algorithms (--algorithms)."
+            )
         yield (
             f"{label}: {plan.told(first)} as in the suite, {plan.told(best)} with "
             f"{best.chosen or 'the same'}, {len(summary.trials)} trials of {plan.n_runs} runs; "
@@ -323,26 +327,3 @@ def with_settings(algorithm: Algorithm, chosen: dict[str, Value]) -> Algorithm:
     """
     made = arguments_of(algorithm.load(), chosen, algorithm.settings)
     return replace(algorithm, settings={**algorithm.settings, **made})
-
-
-def cost_of(label: str, algorithm: Algorithm, plan: TuningPlan) -> float | None:
-    """Return what settings cost on the tuning seeds; None where a run fails.
-
-    :param label: of the algorithm
-    :param algorithm: with the settings
-    :param plan: what is equal for all
-    """
-    costs = []
-    for protocol in plan.protocols:
-        for settings, seed in product(plan.variants.values(), plan.seeds):
-            where = {**plan.task_settings, **settings}
-            run = RunSpecification(label, algorithm, plan.task, seed, plan.budget, protocol, where)
-            try:
-                curve = execute(run).measured.curve
-            except Exception:  # whatever an algorithm raises is this setting's result
-                return None
-            finally:
-                return_memory()
-            costs.append(plan.cost(curve))
-    mean = float(np.mean(costs))
-    return mean if np.isfinite(mean) else None
