@@ -9,7 +9,7 @@ from benchmark_envs import make_task
 from benchmark_envs.robots import MotionLimits
 from results.exceptions import BenchmarkError
 from results.render import RenderRequest, chosen_rollout, load_model
-from sb3_nmp import ConfigurationError
+from sb3_nmp import ConfigurationError, FileFormatError, InvalidDataError
 from sb3_nmp.common.csv_files import write_csv
 from sb3_nmp.common.mcap_files import write_mcap
 from sb3_nmp.common.onnx_files import export_onnx
@@ -30,8 +30,9 @@ def export(
     :param names: of the joints or coordinates; ``q1`` and so on by default
     :param limits: that the trajectory has to keep; None: any is written
     :raises TaskError: the trajectory exceeds a limit; the message names each
-    :raises BenchmarkError: limits of a policy, another ending, a wrong number of names, no model
-        for .onnx, a package that is missing, or a policy that ONNX cannot hold
+    :raises BenchmarkError: limits of a policy, another ending, a wrong number of names, names that
+        are alike or that no file can have, no model for .onnx, a package that is missing, or a
+        policy that ONNX cannot hold
     """
     if out.suffix not in ENDINGS:
         raise BenchmarkError(f"--out is '{out}'; its ending must be one of {', '.join(ENDINGS)}.")
@@ -41,11 +42,13 @@ def export(
                 "limits of velocity, acceleration and jerk are checked of one trajectory, and a "
                 "policy has many. Export .csv or .mcap, or leave the limits out."
             )
-        if out.suffix == ".onnx":
-            export_onnx(load_model(request).policy, out)
-        else:
+        if out.suffix != ".onnx":
             _export_trajectory(request, out, names, limits)
-    except ConfigurationError as error:
+        elif request.model is None:
+            raise BenchmarkError(f"--out {out} is to hold a policy: give its model (--model).")
+        else:
+            export_onnx(load_model(request).policy, out)
+    except (ConfigurationError, InvalidDataError, FileFormatError) as error:
         raise BenchmarkError(str(error)) from error
 
 
@@ -57,6 +60,8 @@ def _export_trajectory(
     n_dimensions = np.shape(trajectory)[1]
     if names is not None and len(names) != n_dimensions:
         raise BenchmarkError(f"--names has {len(names)} names; {n_dimensions} are needed.")
+    if names is not None and (len(set(names)) < len(names) or "" in names):
+        raise BenchmarkError(f"--names is {list(names)}; each dimension needs a name of its own.")
     if limits is not None:
         limits.check(trajectory, task.dt, task.trajectory_names)
     if out.suffix == ".csv":

@@ -116,6 +116,8 @@ BAD: dict[str, tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]] = {
         ("a time step per evaluation",),
     ),
     "time backwards": ({"timesteps": np.array([10, 5, 30])}, {}, ("[10, 5, 30]", "ascend")),
+    "steps in words": ({"timesteps": np.array(["a", "b", "c"])}, {}, ("dtype <U1", "be numbers")),
+    "no budget at all": ({}, {"budget": 0}, ("--budget is 0", "at least 1 rollout")),
     "half a step": ({"timesteps": np.array([10.5, 20, 30])}, {}, ("[10.5, 20.0", "whole number")),
     "a reward of nan": ({"results": np.full((3, 2), np.nan)}, {}, ("nan", "finite")),
     "rewards above the task's best": (

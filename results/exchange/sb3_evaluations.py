@@ -96,6 +96,8 @@ def _check(source: Source) -> None:
         )
     if not 0 <= source.seed < 2**32:
         raise BenchmarkError(f"--seed is {source.seed}; it must be in [0, {2**32 - 1}].")
+    if source.budget is not None and source.budget < 1:
+        raise BenchmarkError(f"--budget is {source.budget}; a run needs at least 1 rollout.")
 
 
 def _read(source: Source) -> dict[str, NDArray[Any]]:
@@ -115,6 +117,11 @@ def _read(source: Source) -> dict[str, NDArray[Any]]:
             "timesteps, results, ep_lengths and, where info tells 'is_success', successes, which "
             "the benchmark's tables count."
         )
+    for key in KEYS:
+        if found[key].dtype.kind not in "biuf":
+            raise BenchmarkError(
+                f"'{source.path}' holds {key} of dtype {found[key].dtype}; they must be numbers."
+            )
     n = len(np.atleast_1d(found["timesteps"]))
     shapes = {key: found[key].shape for key in KEYS}
     fits = n > 0 and found["results"].ndim == 2 and found["results"].shape[1] > 0
