@@ -20,8 +20,11 @@ VERSIONS = ("mujoco", "numpy", "torch", "stable-baselines3")
 ARRAYS = ("contexts", "final", "solving")
 
 
-class _File(msgspec.Struct):
+class _Format(msgspec.Struct):
     format: int
+
+
+class _File(_Format):
     digest: str
     row: Row
 
@@ -62,20 +65,18 @@ def read_row(path: Path) -> tuple[Row, Evidence, str]:
     """
     try:
         text = path.read_bytes()
+        _check_format(path, msgspec.json.decode(text, type=_Format).format)
         content = msgspec.json.decode(text, type=_File)
         with np.load(path.with_suffix(".npz"), allow_pickle=False) as arrays:
             found = {name: arrays[name] for name in arrays.files}
+    except RecordError:
+        raise
     except (OSError, ValueError, msgspec.MsgspecError, BadZipFile) as error:
         raise RecordError(
             f"'{path}' is no readable row of the leaderboard, with its .npz beside it ({error}): "
             "restore both from the repository, or make the row anew with 'nmp-bench leaderboard "
             "update'."
         ) from error
-    if content.format != FORMAT:
-        raise RecordError(
-            f"'{path}' is of format {content.format}, and this version reads format {FORMAT}: use "
-            "the version of sb3-nmp that wrote it."
-        )
     if sorted(found) != sorted(ARRAYS) or any(a.dtype != np.float32 for a in found.values()):
         raise RecordError(
             f"'{path.with_suffix('.npz')}' holds {sorted(found)}; a row has {', '.join(ARRAYS)}, "
@@ -83,6 +84,18 @@ def read_row(path: Path) -> tuple[Row, Evidence, str]:
         )
     _check_row(path, content.row)
     return content.row, Evidence(**found), content.digest
+
+
+def _check_format(path: Path, found: int) -> None:
+    """Raise for a row of another version, whose fields may be others, too.
+
+    :raises RecordError: it is one
+    """
+    if found != FORMAT:
+        raise RecordError(
+            f"'{path}' is of format {found}, and this version reads format {FORMAT}: use the "
+            "version of sb3-nmp that wrote it."
+        )
 
 
 def _check_row(path: Path, row: Row) -> None:
