@@ -180,6 +180,26 @@ def test_the_first_row_of_all_that_fails_is_told(
     assert not (tmp_path / "data").exists()
 
 
+def test_rows_that_are_named_are_those_of_the_boards_that_have_them(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["--board", "bottles", "hills", "--algorithms", "hill", "--workers", "1"]
+    asked += ["--out", str(made / "runs"), "--data"]
+    for what, told in (
+        ("show", "Hill"),
+        ("verify", "hills/hill: holds"),
+        ("update", f"{N_SEEDS} of {N_SEEDS} runs are finished"),
+    ):
+        assert main(["leaderboard", what, *asked, str(made / "data")]) == 0
+        assert told in capsys.readouterr().out
+    assert main(["leaderboard", "update", *asked, str(tmp_path)]) == 0
+    assert [path.parent.name for path in row_paths(tmp_path)] == ["hills"]
+    shown = ["leaderboard", "show", "--algorithms", "ACNMP", "--data", str(DATA)]
+    assert main(shown) == 0
+    told = capsys.readouterr().out
+    assert "push" in told and "ACNMP" in told and "two bottles, from nothing" not in told
+
+
 def test_an_honest_row_holds(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert command("verify", made / "data") == 0
     assert "hills/hill: holds (bitwise)" in capsys.readouterr().out
@@ -858,7 +878,15 @@ def test_contexts_are_judged_apart() -> None:
     [
         (["check", "--board", "nope"], "no board 'nope'; the leaderboard has bottles"),
         (["verify", "--board", "hills", "--data", "nowhere"], "'nowhere' holds no such row"),
-        (["verify", "--board", "hills", "--algorithms", "nope"], "it has Hill"),
+        *(
+            ([what, "--board", *boards, "--algorithms", "Hill", "nope"], message)
+            for what in ("show", "update", "check", "verify")
+            for boards, message in (
+                (["hills"], "on the board hills, has no row 'nope'; it has 'Hill'."),
+                (["bottles", "hills"], "on the boards bottles, hills, has no row 'nope'; it has"),
+                (["bottles"], "has no row 'Hill'; it has 'RC-NMP', 'GA', 'GA, judged',"),
+            )
+        ),
         (["verify", "--exact"], "--exact goes with check"),
         (["check", "--overwrite"], "--overwrite goes with update"),
         (["check", "--workers", "0"], "--workers is 0; at least 1 process"),

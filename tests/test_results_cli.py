@@ -266,7 +266,7 @@ BOTTLES = ["nmp/Bottles-v0", "--expert", "s", "--out", "x.gif"]
         ),
         (["table", "table-5.1"], "'nmp-bench run --suite push' and 'nmp-bench run --suite aper"),
         (["table", "table-5.1", "--suite", "push"], "leave out --suite"),
-        (["run", "--suite", "fakes", "--algorithms", "nope"], "it has Hill, Broken, Absent"),
+        (["run", "--suite", "fakes", "--algorithms", "nope"], "it has 'Hill', 'Broken', 'Absent'"),
         (["run", "--suite", "fakes", "--seeds", "0"], "write how many"),
         (["run", "--suite", "fakes", "--seeds", "5-3"], "write how many"),
         (["run", "--suite", "fakes", "--seeds", "99999999999"], "a range name at most 10000"),

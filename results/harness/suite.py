@@ -157,12 +157,31 @@ def find_label(wanted: str, labels: Iterable[str], where: str, what: str = "algo
     :param what: they are, for the message
     :raises BenchmarkError: none of them is meant
     """
-    by_key = {_key(label): label for label in labels}
-    if _key(wanted) not in by_key:
-        raise BenchmarkError(
-            f"{where} has no {what} '{wanted}'; it has {', '.join(by_key.values())}."
-        )
-    return by_key[_key(wanted)]
+    known = list(labels)
+    found = match_label(wanted, known)
+    if found is None:
+        raise BenchmarkError(f"{where} has no {what} '{wanted}'; it has {quoted(known)}.")
+    return found
+
+
+def match_label(wanted: str, labels: Iterable[str]) -> str | None:
+    """Return the label that is meant, whatever its case and punctuation; None: none of them.
+
+    :param wanted: as the user typed it
+    :param labels: those that exist
+    """
+    return {_key(label): label for label in labels}.get(_key(wanted))
+
+
+def quoted(labels: Iterable[str]) -> str:
+    """Return labels in one line, each of them told apart though some hold commas.
+
+    >>> quoted(["GA", "GA, judged"])
+    "'GA', 'GA, judged'"
+
+    :param labels: for a message
+    """
+    return ", ".join(f"'{label}'" for label in labels)
 
 
 def _key(label: str) -> str:

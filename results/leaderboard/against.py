@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from results.exceptions import BenchmarkError
+from results.harness.suite import quoted
 from results.leaderboard.boards import BOARDS
 from results.leaderboard.rows import Claim, Row
 from results.report.statistics import mean_interval
@@ -39,7 +40,7 @@ def against(rows: Sequence[Row], label: str) -> Page:
     if not boards:
         raise BenchmarkError(
             f"no row '{label}' is among those; there are "
-            f"{', '.join(dict.fromkeys(row.label for row in rows))}."
+            f"{quoted(dict.fromkeys(row.label for row in rows))}."
         )
     tables = [_table(name, [row for row in rows if row.board == name], label) for name in boards]
     return Page(tables, [Section("Notes", [*NOTES], "dim")])

@@ -3,6 +3,7 @@
 A board's seeds were never tuned on, and no suite's table is made of them.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from benchmark_envs.tasks.push import EXTRAPOLATION_TARGETS
 from results.adaptation.protocol import LeaveOneOut
 from results.exceptions import BenchmarkError
 from results.harness.specification import RunSpecification
-from results.harness.suite import Recipe, make_suite
+from results.harness.suite import Recipe, find_label, make_suite, match_label
 from results.stream.protocol import Stream
 from results.suites import (
     aperture,
@@ -181,3 +182,28 @@ def find_board(name: str) -> Board:
     if name not in BOARDS:
         raise BenchmarkError(f"no board '{name}'; the leaderboard has {', '.join(BOARDS)}.")
     return BOARDS[name]
+
+
+def labels_on(
+    boards: Mapping[str, Board], wanted: Sequence[str] | None = None
+) -> dict[str, list[str]]:
+    """Return the rows of each board that are meant; a board that has none of them is left out.
+
+    >>> list(labels_on(BOARDS, ["acnmp"]))
+    ['push-beyond', 'pouring', 'pick-and-place', 'aperture', 'via-points']
+
+    :param boards: by name
+    :param wanted: labels as the user typed them; all by default
+    :raises BenchmarkError: a label that none of the boards has
+    """
+    if wanted is None:
+        return {name: board.labels for name, board in boards.items()}
+    known = dict.fromkeys(label for board in boards.values() for label in board.labels)
+    where = f"the leaderboard, on the board{'s' * (len(boards) > 1)} {', '.join(boards)},"
+    for label in wanted:
+        find_label(label, known, where, "row")
+    found = {
+        name: [label for each in wanted if (label := match_label(each, board.labels))]
+        for name, board in boards.items()
+    }
+    return {name: labels for name, labels in found.items() if labels}

@@ -35,7 +35,10 @@ def add_leaderboard(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("what", choices=WHAT, help="what to do")
     parser.add_argument("--board", nargs="+", metavar="NAME", help="only these (default: all)")
     parser.add_argument(
-        "--algorithms", nargs="+", metavar="LABEL", help="only these rows (default: all)"
+        "--algorithms",
+        nargs="+",
+        metavar="LABEL",
+        help="only these rows, where a board has them (default: all)",
     )
     parser.add_argument(
         "--workers", type=int, metavar="N", help="parallel processes (default: one per core)"
@@ -85,15 +88,13 @@ def leaderboard(options: argparse.Namespace) -> int:
 def _rows(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> list[Path]:
     """Return the files of the rows that are meant."""
     from results.exceptions import BenchmarkError
+    from results.leaderboard.boards import labels_on
     from results.leaderboard.files import row_path, row_paths
 
     paths = [path for name in boards for path in row_paths(data, name)]
     if options.algorithms is not None:
-        named = [
-            row_path(data, name, run.label)
-            for name, board in boards.items()
-            for run in board.runs(name, options.algorithms, 1)
-        ]
+        meant = labels_on(boards, options.algorithms)
+        named = {row_path(data, name, label) for name in meant for label in meant[name]}
         paths = [path for path in paths if path in named]
     if not paths:
         raise BenchmarkError(
@@ -120,10 +121,11 @@ def _update(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> 
     """Do all runs first: a row among the committed ones would make those after it of no commit."""
     from results.harness.progress import run_with_progress
     from results.harness.resume import plan_runs
+    from results.leaderboard.boards import labels_on
 
     status = HOLDS
-    for name, board in boards.items():
-        runs = board.runs(name, options.algorithms)
+    for name, labels in labels_on(boards, options.algorithms).items():
+        runs = boards[name].runs(name, labels)
         plan = plan_runs(options.out / name, runs, options.overwrite)
         status = run_with_progress(plan, options.workers) or status
     return _write_rows(boards, data, options) or status
@@ -133,14 +135,16 @@ def _write_rows(boards: dict[str, Any], data: Path, options: argparse.Namespace)
     """Write the rows of which all runs have finished, and the page of all rows."""
     from results.harness.record_files import read_records
     from results.harness.whole_files import write_whole
+    from results.leaderboard.boards import labels_on
     from results.leaderboard.files import read_row, row_paths, write_row
     from results.leaderboard.rows import make_row
     from results.leaderboard.tables import page
 
     status = HOLDS
-    for name, board in boards.items():
+    for name, labels in labels_on(boards, options.algorithms).items():
+        board = boards[name]
         found = {r.specification.stem: r for r in read_records(options.out / name).records}
-        runs = board.runs(name, options.algorithms)
+        runs = board.runs(name, labels)
         for label in dict.fromkeys(run.label for run in runs):
             records = [found.get(run.stem) for run in runs if run.label == label]
             done = [record for record in records if record is not None and record.finished]
