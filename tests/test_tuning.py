@@ -465,6 +465,19 @@ def test_a_study_whose_trials_all_failed_is_none(
     assert not list(tmp_path.rglob("*.json"))
 
 
+def test_a_study_that_cannot_be_done_anew_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("optuna")
+    monkeypatch.setattr(study, "cost_of", lambda *_: None)
+    old = StudySummary("REPS", "reps", PLAN, {}, (Trial({}, 5.0),) * PLAN.n_trials).write(tmp_path)
+    before = old.read_bytes()
+    with pytest.raises(BenchmarkError, match="all 4 trials of REPS failed"):
+        list(study.tune_suite(RECIPE, PLAN, tmp_path, ["REPS"], overwrite=True))
+    assert [old.read_bytes()] == [before]
+    assert list(old.parent.iterdir()) == [old]
+
+
 @pytest.mark.parametrize("budget", ["0", "-5"])
 def test_a_budget_is_at_least_one(budget: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["tune", "--budget", budget]) == 2

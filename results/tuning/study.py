@@ -62,11 +62,14 @@ class StudySummary:
     def keep(self, folder: Path) -> Path:
         """Write what there is so far, for the study to go on with, and return its path.
 
+        A finished one that is done anew is removed as soon as a trial has not failed.
+
         :param folder: of the studies
         """
         finished = study_path(folder, self.plan.suite, self.label)
         self._write(unfinished_path(finished))
-        finished.unlink(missing_ok=True)  # which is done anew
+        if self.best.cost is not None:
+            finished.unlink(missing_ok=True)
         return unfinished_path(finished)
 
     def _write(self, path: Path) -> None:
