@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from results.exceptions import RecordError
+from results.harness import progress
 from results.harness.progress import run_with_progress
 from results.harness.record_files import read_record, read_records, write_record
 from results.harness.records import ContextRecord, RolloutRecord, RunRecord, SuiteRecord, labels_of
@@ -75,18 +76,32 @@ def test_an_unreadable_file_is_named_with_its_way_out(tmp_path: Path, text: str,
 
 
 def test_the_other_runs_stay_usable(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A damaged run is told about, neither done again nor counted; the rest goes on."""
+    """A damaged run is told about and not done again, hence status 1; the rest goes on."""
     write_record(tmp_path / "a.json", example())
     damaged = tmp_path / f"{run_of(1).stem}.json"
     damaged.write_text("{")
     held = read_records(tmp_path)
     assert held.records == [example()] and list(held.unreadable) == [damaged]
     (tmp_path / "a.json").unlink()
-    assert run_with_progress(plan_runs(tmp_path, [run_of(0), run_of(1)]), 1) == 0
+    assert run_with_progress(plan_runs(tmp_path, [run_of(0), run_of(1)]), 1) == 1
     assert damaged.name in capsys.readouterr().err
+    assert run_with_progress(plan_runs(tmp_path, [run_of(0)]), 1) == 0, "which does not ask for it"
+    assert run_with_progress(plan_runs(tmp_path, [run_of(1)]), 1) == 1
     assert damaged.read_text() == "{"
     assert run_with_progress(plan_runs(tmp_path, [run_of(1)], overwrite=True), 1) == 0
     assert read_record(damaged).finished
+
+
+def test_an_interrupted_command_counts_the_runs_that_cannot_be_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(progress, "run_plan", interrupted)
+    (tmp_path / f"{run_of(1).stem}.json").write_text("{")
+    assert run_with_progress(plan_runs(tmp_path, [run_of(0), run_of(1)]), 1) == 130
+    assert "interrupted. 0 of 2 runs are finished" in capsys.readouterr().err
 
 
 def test_a_run_of_an_algorithm_that_is_gone_is_still_told_about(tmp_path: Path) -> None:

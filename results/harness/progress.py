@@ -122,9 +122,10 @@ def _stopped(plan: Plan, why: str, status: int) -> int:
     """Tell what an interrupted plan leaves, files of the last moment included."""
     runs = (*plan.kept, *plan.todo)
     finished = sum(finished_path(plan.folder, run).exists() for run in runs)
+    n_asked = len(runs) + len(plan.missing)
     command = "the same command" + (" without --overwrite" if plan.overwrite else "")
     print(
-        f"\nnmp-bench: {why}. {finished} of {len(runs)} runs are finished in "
+        f"\nnmp-bench: {why}. {finished} of {n_asked} runs are finished in "
         f"{plan.folder}; {command} does the rest.",
         file=sys.stderr,
     )
