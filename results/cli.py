@@ -34,6 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = build_parser().parse_args(arguments)
     command: Callable[[argparse.Namespace], int] = options.command
     try:
+        check_workers(getattr(options, "workers", None))
         return command(options)
     except KeyboardInterrupt:
         print("\nnmp-bench: interrupted.", file=sys.stderr)
@@ -197,7 +198,6 @@ def run(options: argparse.Namespace) -> int:
     from results.harness.suite import make_suite, parse_seeds
     from results.suites import find_recipe
 
-    check_workers(options.workers)
     seeds = None if options.seeds is None else parse_seeds(options.seeds)
     name, recipe = options.suite, None
     if options.task is not None:
@@ -303,7 +303,6 @@ def reproduce(options: argparse.Namespace) -> int:
     from results.reproduce import Request
     from results.reproduce import reproduce as make
 
-    check_workers(options.workers)
     request = Request(options.out or RUNS, options.quick, options.workers)
     console, verdicts = Console(highlight=False), []
     for name in NAMES if options.all else (options.name,):

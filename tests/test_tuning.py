@@ -230,7 +230,8 @@ def test_each_seed_is_run_in_each_variant(monkeypatch: pytest.MonkeyPatch) -> No
     assert plan.n_runs == 4 and list(plan.record["variants"]) == ["6 points", "1 point"]
     assert "variants" not in PLAN.record, "studies of one variant are told as before"
     assert TuningPlan.of("via-points", recipe, [1000], 2).n_runs == 6
-    with pytest.raises(BenchmarkError, match="no variant '7 points'; it has '1 point', '2 points'"):
+    told = "has no variant '7 points'; it has '1 point', '2 points'"
+    with pytest.raises(BenchmarkError, match=told):
         TuningPlan.of("via-points", recipe, [1000], 2, variants=["7 points"])
 
 

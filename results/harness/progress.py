@@ -63,15 +63,14 @@ def run_with_progress(plan: Plan, n_workers: int | None, backend: Backend = "pro
     console = Console(highlight=False, soft_wrap=True)
     for why in plan.unreadable:
         print(f"nmp-bench: {why}", file=sys.stderr)
-    n_asked = len(plan.kept) + len(plan.todo) + len(plan.missing)
     if plan.kept:
         console.print(
-            f"{len(plan.kept)} of {n_asked} runs are finished in "
+            f"{len(plan.kept)} of {plan.n_asked} runs are finished in "
             f"{plan.folder} already and are kept (--overwrite does them again)."
         )
     if plan.missing:
         print(
-            f"nmp-bench: {len(plan.missing)} of {n_asked} runs are not done, for their files "
+            f"nmp-bench: {len(plan.missing)} of {plan.n_asked} runs are not done, for their files "
             "cannot be read.",
             file=sys.stderr,
         )
@@ -122,10 +121,9 @@ def _stopped(plan: Plan, why: str, status: int) -> int:
     """Tell what an interrupted plan leaves, files of the last moment included."""
     runs = (*plan.kept, *plan.todo)
     finished = sum(finished_path(plan.folder, run).exists() for run in runs)
-    n_asked = len(runs) + len(plan.missing)
     command = "the same command" + (" without --overwrite" if plan.overwrite else "")
     print(
-        f"\nnmp-bench: {why}. {finished} of {n_asked} runs are finished in "
+        f"\nnmp-bench: {why}. {finished} of {plan.n_asked} runs are finished in "
         f"{plan.folder}; {command} does the rest.",
         file=sys.stderr,
     )

@@ -38,6 +38,11 @@ class Plan:
     unreadable: tuple[str, ...] = ()
     missing: tuple[RunSpecification, ...] = ()
 
+    @property
+    def n_asked(self) -> int:
+        """All runs that were asked for."""
+        return len(self.kept) + len(self.todo) + len(self.missing)
+
 
 def finished_path(folder: Path, run: RunSpecification) -> Path:
     """Return where a finished run's record lies.

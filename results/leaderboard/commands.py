@@ -68,8 +68,6 @@ def leaderboard(options: argparse.Namespace) -> int:
     from results.exceptions import BenchmarkError
     from results.leaderboard.boards import BOARDS, DATA, find_board
 
-    if options.workers is not None and options.workers < 1:
-        raise BenchmarkError(f"--workers is {options.workers}; at least 1 process is needed.")
     if options.overwrite and options.what != "update":
         raise BenchmarkError(
             f"--overwrite goes with update, which does runs and keeps them; "
