@@ -30,9 +30,9 @@ def export(
     :param names: of the joints or coordinates; ``q1`` and so on by default
     :param limits: that the trajectory has to keep; None: any is written
     :raises TaskError: the trajectory exceeds a limit; the message names each
-    :raises BenchmarkError: limits of a policy, another ending, a wrong number of names, names that
-        are alike or that no file can have, no model for .onnx, a package that is missing, or a
-        policy that ONNX cannot hold
+    :raises BenchmarkError: limits or names of a policy, another ending, a wrong number of names,
+        names that are alike or that no file can have, no model for .onnx, a package that is
+        missing, or a policy that ONNX cannot hold
     """
     if out.suffix not in ENDINGS:
         raise BenchmarkError(f"--out is '{out}'; its ending must be one of {', '.join(ENDINGS)}.")
@@ -41,6 +41,11 @@ def export(
             raise BenchmarkError(
                 "limits of velocity, acceleration and jerk are checked of one trajectory, and a "
                 "policy has many. Export .csv or .mcap, or leave the limits out."
+            )
+        if out.suffix == ".onnx" and names is not None:
+            raise BenchmarkError(
+                "--names are of the joints in a trajectory's file, and a policy's has none. Export "
+                ".csv or .mcap, or leave --names out."
             )
         if out.suffix != ".onnx":
             _export_trajectory(request, out, names, limits)
@@ -60,7 +65,7 @@ def _export_trajectory(
     n_dimensions = np.shape(trajectory)[1]
     if names is not None and len(names) != n_dimensions:
         raise BenchmarkError(f"--names has {len(names)} names; {n_dimensions} are needed.")
-    if names is not None and (len(set(names)) < len(names) or "" in names):
+    if names is not None and (len(set(names)) < len(names) or not all(n.strip() for n in names)):
         raise BenchmarkError(f"--names is {list(names)}; each dimension needs a name of its own.")
     if limits is not None:
         limits.check(trajectory, task.dt, task.trajectory_names)

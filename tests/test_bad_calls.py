@@ -24,7 +24,7 @@ from sb3_nmp.common.resampling import resample
 from sb3_nmp.zoo.entries import ENTRIES
 from tests.registry import ENV_ID
 from tests.test_algorithms import build, run, vec_env
-from tests.test_bad_input import INF, NAN, SHOWN, Call, made, plain
+from tests.test_bad_input import INF, NAN, SHOWN, Call, made, of_bottles, plain
 from tests.test_environment_faces import Plain
 
 ZEROS = np.zeros((5, 2))
@@ -186,6 +186,18 @@ BAD: dict[str, tuple[Call, tuple[str, ...]]] = {
     ),
     "a schedule of words": (
         lambda _: made(RCNMP, learning_rate=lambda _: "a"), ("learning_rate is", "a schedule of"),
+    ),
+    **{
+        f"a schedule that comes to {last}": (
+            lambda _, r=last: of_bottles(
+                RCNMP, learning_rate=lambda left: 1e-3 if left == 1 else r
+            ).learn(30),
+            (f"gives {last} where", "of the budget remains", "finite and >= 0"),
+        )
+        for last in (NAN, -1e-3)
+    },
+    "a window below 1": (
+        lambda _: made(stats_window_size=-1), ("stats_window_size is -1", "1 or more"),
     ),
     **{
         f"to predict {context!r}": (

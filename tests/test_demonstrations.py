@@ -181,6 +181,8 @@ def test_ids_environments_and_tasks_are_all_experts() -> None:
 def test_without_an_expert_or_contexts_there_are_no_demonstrations() -> None:
     with pytest.raises(ConfigurationError, match="seed is 'a'; it must be a whole number"):
         Demonstrations.from_task("nmp/Bottles-v0", 1, seed="a")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(ConfigurationError, match="seed is -1; it must be a whole number from 0"):
+        Demonstrations.from_task("nmp/Bottles-v0", 1, seed=-1)
     with pytest.raises(ConfigurationError, match="CartPoleEnv has no expert"):
         Demonstrations.from_task("CartPole-v1", 2)
     with pytest.raises(InvalidDataError, match="no context was given"):

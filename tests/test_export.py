@@ -148,6 +148,8 @@ def test_policies_that_onnx_has_no_words_for_say_so(tmp_path: Path) -> None:
         (["--expert", "s", "--out", "path.csv", "--names", "x"], "--names has 1 names; 2 are"),
         (["--expert", "s", "--out", "p.mcap", "--names", "x", "x"], "--names is ['x', 'x']; each"),
         (["--expert", "s", "--out", "p.csv", "--names", "x", ""], "--names is ['x', '']; each"),
+        (["--expert", "s", "--out", "p.mcap", "--names", "x", " "], "--names is ['x', ' ']; each"),
+        (["--expert", "s", "--out", "p.onnx", "--names", "x", "y"], "leave --names out"),
         (["--expert", "s", "--out", "p.csv", "--names", "time", "y"], "needs a name of its own"),
         (["--expert", "s", "--out", "policy.onnx"], "give its model (--model)"),
         (["--model", "missing.zip", "--out", "path.csv"], "there is no model 'missing.zip'"),

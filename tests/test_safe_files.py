@@ -393,8 +393,9 @@ def test_a_file_of_another_version_or_kind_is_told_apart(place: Place) -> None:
     place.changed(lambda content: content["parts"]["data"].update(policy_class="CnnPolicy"))
     with pytest.raises(FileFormatError, match="policy in the file is 'CnnPolicy'"):
         GA.load(place.forged)
-    with pytest.raises(FileNotFoundError):
-        GA.load(place.folder / "missing")
+    for name in ("missing", "missing.zip"):
+        with pytest.raises(FileNotFoundError, match=r"missing\.zip'$"):
+            GA.load(place.folder / name)
 
 
 # -- as SB3 saves and loads -----------------------------------------------------------------------

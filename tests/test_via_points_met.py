@@ -149,10 +149,13 @@ def test_a_saved_model_passes_them_too(model: ACNMP, tmp_path: Path) -> None:
             ([0.5], [[0.0, 9.5]]),
             r"via-point 0 at time 0.5 has the value 9.5 in dimension 1.*-9 to 9",
         ),
+        ("abc", "via_points is 'abc'; it must be a pair of arrays of numbers"),
+        (3, "via_points is 3; it must be a pair"),
+        ((["a"], [[0.0, 0.0]]), "must be a pair of arrays of numbers"),
     ],
 )
 def test_what_contradicts_or_is_not_allowed_is_refused(
-    model: ACNMP, points: tuple[list[float], list[list[float]]], message: str
+    model: ACNMP, points: Any, message: str
 ) -> None:
     with pytest.raises(InvalidDataError, match=message):
         model.predict(np.zeros(1), deterministic=True, via_points=points)

@@ -159,10 +159,11 @@ def _write_rows(boards: dict[str, Any], data: Path, options: argparse.Namespace)
 
 
 def _verify(boards: dict[str, Any], data: Path, options: argparse.Namespace) -> int:
+    from results.leaderboard.boards import labels_on
     from results.leaderboard.verify import missing_rows, verify_row
 
     status, unchecked = HOLDS, dict[str, list[str]]()
-    for problem in missing_rows(data, boards) if options.algorithms is None else ():
+    for problem in missing_rows(data, labels_on(boards, options.algorithms)):
         status = FAILS
         print(problem, file=sys.stderr)
     for path in _rows(boards, data, options):

@@ -90,20 +90,20 @@ def _about_origin(row: Row, runs: Runs) -> tuple[list[str], list[str]]:
     return problems, unchecked
 
 
-def missing_rows(data: Path, boards: dict[str, Board]) -> list[str]:
-    """Return a sentence for each row that a board asks for, and that has no file.
+def missing_rows(data: Path, labels: dict[str, list[str]]) -> list[str]:
+    """Return a sentence for each row that is asked for, and that has no file.
 
     A row that somebody took away would otherwise hold.
 
     :param data: of all boards
-    :param boards: those whose rows are wanted, by name
+    :param labels: of the rows that are wanted, by board
     """
     return [
         f"{name}: the board asks for a row '{label}', and '{row_path(data, name, label)}' is "
         f"missing. Restore it from the repository, or make it with 'nmp-bench leaderboard update "
         f'--board {name} --algorithms "{label}"\'.'
-        for name, board in boards.items()
-        for label in board.labels
+        for name, wanted in labels.items()
+        for label in wanted
         if not row_path(data, name, label).exists()
     ]
 

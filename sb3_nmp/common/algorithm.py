@@ -136,7 +136,10 @@ class TrajectoryAlgorithm(GenerationAlgorithm):
     def _rules(self) -> Rules:
         """Return the rules that the settings must fit."""
         usable = arguments.is_learning_rate(self.learning_rate)
-        return {"learning_rate": (usable, "finite and >= 0, or a schedule of such values")}
+        return {
+            "learning_rate": (usable, "finite and >= 0, or a schedule of such values"),
+            "_stats_window_size": (self._stats_window_size >= 1, "1 or more"),
+        }
 
     def _wanted_contexts(self, members: slice) -> NDArray[np.float32] | None:
         """Return the contexts, shape (n, C), in which some members are to run.
@@ -151,6 +154,7 @@ class TrajectoryAlgorithm(GenerationAlgorithm):
     def _setup_model(self) -> None:
         check_rules(self, {**TrajectoryAlgorithm._rules(self), **self._rules()})
         self._setup_lr_schedule()
+        self.lr_schedule = arguments.CheckedSchedule(self.lr_schedule)
         self.set_random_seed(self.seed)
         if self.env is not None:
             self._fit_environments(self.env)

@@ -17,6 +17,7 @@ import torch as th
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.type_aliases import Schedule
 from stable_baselines3.common.utils import get_device
 
 from sb3_nmp.common.demonstrations import Demonstrations
@@ -157,6 +158,30 @@ def is_learning_rate(rate: Any) -> bool:  # noqa: ANN401
     """
     first = rate(1.0) if callable(rate) else rate
     return isinstance(first, Real) and bool(np.isfinite(float(first))) and float(first) >= 0
+
+
+class CheckedSchedule:
+    """A schedule of the learning rate whose values are looked at as they are used.
+
+    :param schedule: from the share of the budget that remains, from 1 to 0, to a learning rate
+    """
+
+    def __init__(self, schedule: Schedule) -> None:
+        self.schedule = schedule
+
+    def __call__(self, progress_remaining: float) -> float:
+        """Return the learning rate.
+
+        :param progress_remaining: share of the budget
+        :raises ConfigurationError: it is below 0, or not finite
+        """
+        rate = self.schedule(progress_remaining)
+        if not is_learning_rate(rate):
+            raise ConfigurationError(
+                f"learning_rate is a schedule that gives {rate!r} where {progress_remaining:.3g} "
+                "of the budget remains; its values must be finite and >= 0."
+            )
+        return rate
 
 
 def check_learn(total_timesteps: object, callback: object, log_interval: object, n: int) -> int:

@@ -193,9 +193,11 @@ class Demonstrations:
                 f"{type(source).__name__} has no expert: it needs the methods demonstrate(context) "
                 "and sample_context(rng). Give Demonstrations(contexts, trajectories) your own."
             )
-        if seed is not None and not isinstance(seed, Integral | np.random.Generator):
+        whole = isinstance(seed, Integral) and not isinstance(seed, bool) and int(seed) >= 0
+        if seed is not None and not whole and not isinstance(seed, np.random.Generator):
             raise ConfigurationError(
-                f"seed is {seed!r}; it must be a whole number, a generator of NumPy, or None."
+                f"seed is {seed!r}; it must be a whole number from 0, a generator of NumPy, or "
+                "None."
             )
         if isinstance(contexts, Integral):
             rng = np.random.default_rng(seed)

@@ -106,7 +106,9 @@ def check_rules(owner: object, rules: Rules) -> None:
     """
     for name, (fits, rule) in rules.items():
         if not fits:
-            raise ConfigurationError(f"{name} is {getattr(owner, name)!r}; it must be {rule}.")
+            raise ConfigurationError(
+                f"{name.lstrip('_')} is {getattr(owner, name)!r}; it must be {rule}."
+            )
 
 
 class Presets:

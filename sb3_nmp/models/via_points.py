@@ -76,7 +76,13 @@ def checked(
     :raises InvalidDataError: a wrong shape, a time outside [0, 1], a non-finite value, or two
         points within one time step whose values contradict each other
     """
-    times, values = (np.asarray(part, np.float32) for part in points)
+    try:
+        times, values = (np.asarray(part, np.float32) for part in points)
+    except (TypeError, ValueError) as error:
+        raise InvalidDataError(
+            f"via_points is {points!r}; it must be a pair of arrays of numbers: times (O,) and "
+            "values (O, D)."
+        ) from error
     expected = (*times.shape, len(value_range))
     if times.ndim != 1 or len(times) == 0 or values.shape != expected:
         raise InvalidDataError(
