@@ -8,7 +8,7 @@ import numpy as np
 from benchmark_envs import make_task
 from benchmark_envs.robots import MotionLimits
 from results.exceptions import BenchmarkError
-from results.render import RenderRequest, chosen_rollout, load_model
+from results.render import RenderRequest, check_spaces, chosen_rollout, load_model
 from sb3_nmp import ConfigurationError, FileFormatError, InvalidDataError
 from sb3_nmp.common.csv_files import write_csv
 from sb3_nmp.common.mcap_files import write_mcap
@@ -52,7 +52,9 @@ def export(
         elif request.model is None:
             raise BenchmarkError(f"--out {out} is to hold a policy: give its model (--model).")
         else:
-            export_onnx(load_model(request).policy, out)
+            model = load_model(request)
+            check_spaces(model, make_task(request.task), request)
+            export_onnx(model.policy, out)
     except (ConfigurationError, InvalidDataError, FileFormatError) as error:
         raise BenchmarkError(str(error)) from error
 

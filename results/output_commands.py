@@ -50,7 +50,7 @@ def add_export(parser: argparse.ArgumentParser) -> None:
 def _size(text: str) -> tuple[int, int]:
     """Return width and height of ``"640x480"``."""
     width, _, height = text.lower().partition("x")
-    if not (width.isdecimal() and height.isdecimal()):
+    if not (width.isdecimal() and height.isdecimal() and int(width) and int(height)):
         raise argparse.ArgumentTypeError(f"'{text}' is no size; write it like 640x480")
     return int(width), int(height)
 

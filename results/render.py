@@ -115,7 +115,7 @@ def chosen_rollout(request: RenderRequest) -> tuple[Task, np.ndarray, np.ndarray
     if request.model is None:
         return task, context, _float32(task.demonstrate(context, request.expert))
     model = load_model(request)
-    _check_spaces(model, task, request)
+    check_spaces(model, task, request)
     action, _ = model.predict(_float32(context), deterministic=True)
     return task, context, action
 
@@ -190,8 +190,14 @@ def _record(path: Path) -> RunRecord:
         ) from error
 
 
-def _check_spaces(model: TrajectoryAlgorithm, task: Task, request: RenderRequest) -> None:
-    """Raise unless a model answers a task's contexts with its trajectories."""
+def check_spaces(model: TrajectoryAlgorithm, task: Task, request: RenderRequest) -> None:
+    """Raise unless a model answers a task's contexts with its trajectories.
+
+    :param model: of the request
+    :param task: of the request
+    :param request: for the message
+    :raises BenchmarkError: it was trained in other spaces
+    """
     for what, has, asked in (
         ("contexts", model.observation_space, task.context_space),
         ("trajectories", model.action_space, task.trajectory_space),

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
 from stable_baselines3.common.env_util import make_vec_env
-from stable_baselines3.common.vec_env import SubprocVecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
 from baselines import BO, CMAES, GA, REPS, ContextualREPS, RandomSearch
 from sb3_nmp import (
     ACNMP,
     RCNMP,
     CNMPPretraining,
+    ConfigurationError,
     Demonstrations,
     InvalidDataError,
     ResumeWarning,
@@ -24,7 +25,7 @@ from sb3_nmp.common.resampling import resample
 from sb3_nmp.zoo.entries import ENTRIES
 from tests.registry import ENV_ID
 from tests.test_algorithms import build, run, vec_env
-from tests.test_bad_input import INF, NAN, SHOWN, Call, made, of_bottles, plain
+from tests.test_bad_input import INF, NAN, SHOWN, Call, made, of_bottles, plain, saved
 from tests.test_environment_faces import Plain
 
 ZEROS = np.zeros((5, 2))
@@ -215,6 +216,16 @@ BAD: dict[str, tuple[Call, tuple[str, ...]]] = {
     "to set an id that is not registered": (
         lambda _: made().set_env("nmp/Nope-v0"), ("no environment 'nmp/Nope-v0'", "nmp/Bottles-v0"),
     ),
+    "to set an environment of other spaces": (
+        lambda _: made().set_env("nmp/Bottles-v0"), ("space of env is", "the model's is"),
+    ),
+    "to load with other spaces": (
+        lambda folder: REPS.load(saved(folder), env="nmp/Bottles-v0"), ("space of env is",),
+    ),
+    "to set more environments": (
+        lambda _: made().set_env(DummyVecEnv([Plain] * 7)), ("7 parallel", "the model has 1"),
+    ),
+    "to begin with a seed below 0": (lambda _: made().set_random_seed(-1), ("seed is -1",)),
     "to set a number as environment": (lambda _: made().set_env(3), ("env is 3", "a VecEnv")),
     "steps in words": (
         lambda _: resample([ZEROS], cast(Any, "a")), ("n_steps is 'a'", "whole number"),
@@ -325,3 +336,30 @@ def test_the_zoo_goes_on_with_a_models_own_demonstrations(tmp_path: Path) -> Non
     again: Any = entry.load(str(tmp_path / "model.zip"), env, 2, **settings)
     again.load_replay_buffer(tmp_path / "buffer")
     assert again.learn(2, reset_num_timesteps=False).num_timesteps == 4
+
+
+def test_a_refused_environment_changes_nothing() -> None:
+    model = made(GA, seed=0)
+    before = model.population_size
+    with pytest.raises(ConfigurationError):
+        model.set_env(DummyVecEnv([Plain] * 7))
+    assert model.population_size == before and model.env.num_envs == 1
+
+
+def test_another_seed_begins_other_random_numbers(tmp_path: Path) -> None:
+    load: Any = GA.load
+
+    def answer(model: Any) -> Any:
+        return model.learn(20).replay_buffer.trajectories.copy()
+
+    of_bottles(GA, seed=0).save(tmp_path / "model")
+    kept, same, other = (
+        answer(load(tmp_path / "model", env=ENV_ID, **seed))
+        for seed in ({}, {"seed": 0}, {"seed": 3})
+    )
+    np.testing.assert_array_equal(kept, same)
+    assert not np.array_equal(kept, other)
+    np.testing.assert_array_equal(other, answer(of_bottles(GA, seed=3)))
+    reseeded = of_bottles(GA, seed=0)
+    reseeded.set_random_seed(3)
+    np.testing.assert_array_equal(other, answer(reseeded))

@@ -128,6 +128,10 @@ BAD: dict[str, tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]] = {
         {"ep_lengths": np.full((3, 2), 50)}, {},
         ("last [50] steps", "counted in rollouts", "--steps"),
     ),
+    "half a rollout": (
+        {"ep_lengths": np.full((3, 2), 4)}, {"steps": 4},
+        ("after [10, 20, 30] steps", "lasts 4", "eval_freq"),
+    ),
     "several contexts": (
         {"results": np.array([[-3.0, -1.0]] * 3)}, {},
         ("[-3.0, -1.0]", "several contexts", "context=c"),

@@ -14,6 +14,7 @@ from benchmark_envs import RenderingUnavailableError, TaskError, make_task
 from results import render
 from results.cli import main
 from results.exceptions import BenchmarkError, RecordError, UnreadableRecordError
+from results.export import export
 from results.harness.record_files import read_record, read_records
 from results.harness.records import labels_of
 from results.harness.specification import Algorithm, plain
@@ -204,6 +205,8 @@ def test_what_is_no_run_is_not_advised_to_be_removed(tmp_path: Path):
             chosen_rollout(RenderRequest("nmp/Bottles-v0", run=path))
         assert "emove" not in str(caught.value)
     other = RenderRequest("nmp/Push-v0", model=model, algorithm="ga")
+    with pytest.raises(BenchmarkError, match="name the model's task"):
+        export(other, tmp_path / "policy.onnx")
     with pytest.raises(BenchmarkError, match=r"contexts of shape \(4,\).*name the model's task"):
         chosen_rollout(other)
     alike = RenderRequest("nmp/Aperture-v0", model=model, algorithm="ga")

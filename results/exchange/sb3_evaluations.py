@@ -167,6 +167,12 @@ def _curve(source: Source, found: dict[str, NDArray[Any]]) -> dict[str, list[Any
             f"{results[row].tolist()[:5]}: it took place in several contexts, or greedy answers "
             "differ. Evaluate in one: EvalCallback(gym.make(task, context=c), n_eval_episodes=1)."
         )
+    if (steps % source.steps).any():
+        raise BenchmarkError(
+            f"'{source.path}' holds evaluations after {steps.tolist()[:9]} steps, and a rollout "
+            f"lasts {source.steps}: each must follow a whole number of rollouts. Choose "
+            "EvalCallback's eval_freq so."
+        )
     within = steps // source.steps <= (source.budget or steps[-1])
     if not within.any():
         raise BenchmarkError(

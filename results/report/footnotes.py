@@ -67,7 +67,7 @@ def origins(runs: pd.DataFrame) -> list[str]:
     """
     commits = sorted(
         {
-            f"{str(commit)[:10] if commit else 'unknown'}{' with local changes' if dirty else ''}"
+            _short(commit) + (" with local changes" if dirty else "")
             for commit, dirty in zip(runs["commit"], runs["dirty"], strict=True)
         }
     )
@@ -140,3 +140,8 @@ def verdict_text(row: Mapping[Hashable, Any], name: str) -> str:
     p = row[f"{name}_p_value"]
     told = f"p = {p:.2g}" if p >= 0.001 else "p < 0.001"
     return f"{row[f'{name}_verdict']} in {name} ({told})"
+
+
+def _short(commit: object) -> str:
+    """Return a commit as notes name it; the run of an imported file has none."""
+    return commit[:10] if isinstance(commit, str) and commit else "unknown"

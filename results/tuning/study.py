@@ -242,7 +242,7 @@ def read_study(path: Path) -> dict[str, Any]:
     except (ValueError, KeyError, TypeError) as error:
         raise BenchmarkError(
             f"'{path}' is no study that can be read ({error!r}): restore it from the repository, "
-            "or make it anew with nmp-bench tune."
+            "or make it anew with nmp-bench tune --overwrite."
         ) from error
 
 

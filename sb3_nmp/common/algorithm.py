@@ -155,7 +155,7 @@ class TrajectoryAlgorithm(GenerationAlgorithm):
         check_rules(self, {**TrajectoryAlgorithm._rules(self), **self._rules()})
         self._setup_lr_schedule()
         self.lr_schedule = arguments.CheckedSchedule(self.lr_schedule)
-        self.set_random_seed(self.seed)
+        super().set_random_seed(self.seed)  # a loaded model's own generator goes on
         if self.env is not None:
             self._fit_environments(self.env)
         self._check_scale("exploration_scale")
@@ -164,8 +164,7 @@ class TrajectoryAlgorithm(GenerationAlgorithm):
         check_types(policy_class, self.policy_kwargs)
         self.policy = policy_class(
             self.observation_space, self.action_space, self.lr_schedule, **self.policy_kwargs
-        )
-        self.policy = self.policy.to(self.device)
+        ).to(self.device)
         if self.demonstrations is not None:
             self.demonstrations.check_fits(self.policy.context_dim, self.policy.trajectory_shape)
 
@@ -182,17 +181,27 @@ class TrajectoryAlgorithm(GenerationAlgorithm):
             self.population_size = environment.rounded_up(self.population_size, env.num_envs)
         environment.check_multiple("the population", self.population_size, env.num_envs)
 
+    def set_random_seed(self, seed: int | None = None) -> None:
+        """Begin new random numbers; see SB3.
+
+        :param seed: None changes nothing
+        :raises ConfigurationError: it is no seed
+        """
+        super().set_random_seed(arguments.check_seed(seed))
+        if seed is not None:
+            self.rng = np.random.default_rng(seed)
+
     def set_env(self, env: GymEnv | str, force_reset: bool = True) -> None:
         """Exchange the environment; see SB3. What was begun in the one before is dropped.
 
         :param env: the new environment, or the id of one; its spaces must be the old one's
         :param force_reset: reset it before training goes on
-        :raises ConfigurationError: it is no environment, or the population does not fit the number
-            of environments
+        :raises ConfigurationError: none, one with other spaces, or another number of environments
         """
         environment.check_env(env, needed=True)
         made = maybe_make_env(cast(GymEnv, env), self.verbose)
         ready = self._wrap_env(cast(GymEnv, made), self.verbose)
+        environment.check_alike(ready, self.observation_space, self.action_space, self.n_envs)
         self._fit_environments(ready)
         had_one = self.env is not None
         super().set_env(ready, force_reset)

@@ -14,9 +14,10 @@ from stable_baselines3.common.save_util import (
     recursive_setattr,
 )
 from stable_baselines3.common.type_aliases import GymEnv, TensorDict
-from stable_baselines3.common.utils import check_for_correct_spaces, get_system_info
+from stable_baselines3.common.utils import get_system_info
 
 from sb3_nmp.common import files
+from sb3_nmp.common.environment import check_alike
 from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, UnsafeFileError
 from sb3_nmp.common.policies import TrajectoryPolicy
 
@@ -87,10 +88,11 @@ class SafeFiles(BaseAlgorithm):
         :param allow_pickle: read files with pickles too, which **can run any code**: those of
             Stable-Baselines3's format, and those that a `PickleWarning` was given for. Only for
             files of someone you trust
-        :param kwargs: attributes to change
+        :param kwargs: attributes to change; another seed begins new random numbers
         :raises UnsafeFileError: the file holds pickles, and ``allow_pickle`` is False
         :raises FileFormatError: it is no model, one of another algorithm, or damaged
-        :raises ConfigurationError: other ``policy_kwargs`` than those of the file
+        :raises ConfigurationError: other ``policy_kwargs`` than those of the file, or an
+            environment with other spaces
         """
         saved = cls._read(path, custom_objects, allow_pickle)
         if print_system_info:
@@ -105,7 +107,7 @@ class SafeFiles(BaseAlgorithm):
             )
         if env is not None:
             env = cls._wrap_env(env, data.get("verbose", 0))
-            check_for_correct_spaces(env, data["observation_space"], data["action_space"])
+            check_alike(env, data["observation_space"], data["action_space"])
             data["n_envs"] = env.num_envs
             if force_reset:
                 data["_last_obs"] = None
@@ -116,6 +118,8 @@ class SafeFiles(BaseAlgorithm):
         model.set_parameters(saved["parameters"], exact_match=True, device=device)
         for name, values in saved["variables"].items():
             recursive_setattr(model, f"{name}.data", values)
+        if kwargs.get("seed", data["seed"]) != data["seed"]:
+            model.set_random_seed(kwargs["seed"])
         return model
 
     def set_parameters(
