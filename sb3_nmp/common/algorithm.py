@@ -177,9 +177,11 @@ class TrajectoryAlgorithm(GenerationAlgorithm):
     def _fit_environments(self, env: VecEnv) -> None:
         """Round a default population up to the environments, and check that they can be used."""
         environment.check_unnormalised(env)
-        if not self._population_given:
-            self.population_size = environment.rounded_up(self.population_size, env.num_envs)
-        environment.check_multiple("the population", self.population_size, env.num_envs)
+        step = 1 if self._population_given else env.num_envs
+        size = environment.rounded_up(self.population_size, step)
+        environment.check_multiple("the population", size, env.num_envs)
+        environment.check_alike(env, self.observation_space, self.action_space, self.n_envs)
+        self.population_size = size
 
     def set_random_seed(self, seed: int | None = None) -> None:
         """Begin new random numbers; see SB3.
@@ -201,7 +203,6 @@ class TrajectoryAlgorithm(GenerationAlgorithm):
         environment.check_env(env, needed=True)
         made = maybe_make_env(cast(GymEnv, env), self.verbose)
         ready = self._wrap_env(cast(GymEnv, made), self.verbose)
-        environment.check_alike(ready, self.observation_space, self.action_space, self.n_envs)
         self._fit_environments(ready)
         had_one = self.env is not None
         super().set_env(ready, force_reset)
@@ -210,8 +211,7 @@ class TrajectoryAlgorithm(GenerationAlgorithm):
 
     def initial_trajectory(self) -> NDArray[np.float64]:
         """Return the environment's naive trajectory for the current context, shape (T, D)."""
-        space = cast(spaces.Box, self.action_space)
-        return hints.initial_trajectory(cast(VecEnv, self.env), space)
+        return hints.initial_trajectory(cast(VecEnv, self.env), cast(spaces.Box, self.action_space))
 
     def first_scale(self) -> tuple[float, ...]:
         """Return the scale at which exploration begins, in the trajectory's unit, length D.

@@ -114,8 +114,8 @@ def check_alike(
     ):
         if has != asked:
             raise ConfigurationError(
-                f"the {name} space of env is {has}, and the model's is {asked}; they must be the "
-                "same. Train a new model for another task."
+                f"the spaces do not match: the {name} space of env is {has}, and the model's is "
+                f"{asked}. Train a new model for another task."
             )
     if n_envs is not None and env.num_envs != n_envs:
         raise ConfigurationError(
