@@ -37,26 +37,30 @@ def export(
     if out.suffix not in ENDINGS:
         raise BenchmarkError(f"--out is '{out}'; its ending must be one of {', '.join(ENDINGS)}.")
     try:
-        if out.suffix == ".onnx" and limits is not None:
-            raise BenchmarkError(
-                "limits of velocity, acceleration and jerk are checked of one trajectory, and a "
-                "policy has many. Export .csv or .mcap, or leave the limits out."
-            )
-        if out.suffix == ".onnx" and names is not None:
-            raise BenchmarkError(
-                "--names are of the joints in a trajectory's file, and a policy's has none. Export "
-                ".csv or .mcap, or leave --names out."
-            )
-        if out.suffix != ".onnx":
-            _export_trajectory(request, out, names, limits)
-        elif request.model is None:
-            raise BenchmarkError(f"--out {out} is to hold a policy: give its model (--model).")
-        else:
-            model = load_model(request)
-            check_spaces(model, make_task(request.task), request)
-            export_onnx(model.policy, out)
+        what = _export_policy if out.suffix == ".onnx" else _export_trajectory
+        what(request, out, names, limits)
     except (ConfigurationError, InvalidDataError, FileFormatError) as error:
         raise BenchmarkError(str(error)) from error
+
+
+def _export_policy(
+    request: RenderRequest, out: Path, names: Sequence[str] | None, limits: MotionLimits | None
+) -> None:
+    if limits is not None:
+        raise BenchmarkError(
+            "limits of velocity, acceleration and jerk are checked of one trajectory, and a "
+            "policy has many. Export .csv or .mcap, or leave the limits out."
+        )
+    if names is not None:
+        raise BenchmarkError(
+            "--names are of the joints in a trajectory's file, and a policy's has none. Export "
+            ".csv or .mcap, or leave --names out."
+        )
+    if request.model is None:
+        raise BenchmarkError(f"--out {out} is to hold a policy: give its model (--model).")
+    model = load_model(request)
+    check_spaces(model, make_task(request.task), request)
+    export_onnx(model.policy, out)
 
 
 def _export_trajectory(

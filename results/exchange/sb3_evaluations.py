@@ -173,14 +173,15 @@ def _curve(source: Source, found: dict[str, NDArray[Any]]) -> dict[str, list[Any
             f"lasts {source.steps}: each must follow a whole number of rollouts. Choose "
             "EvalCallback's eval_freq so."
         )
-    within = steps // source.steps <= (source.budget or steps[-1])
+    rollouts = steps // source.steps
+    within = rollouts <= (source.budget or rollouts[-1])
     if not within.any():
         raise BenchmarkError(
-            f"'{source.path}' has its first evaluation after {steps[0] // source.steps} rollouts, "
+            f"'{source.path}' has its first evaluation after {rollouts[0]} rollouts, "
             f"beyond the budget of {source.budget}; give a larger --budget, or none."
         )
     return _columns(
-        (steps[within] // source.steps).tolist(),
+        rollouts[within].tolist(),
         results[within, 0].tolist(),
         successes[within, 0].tolist(),
     )

@@ -97,15 +97,13 @@ def check_spaces(action: gym.Space, observation: gym.Space, algorithm: str) -> N
             )
 
 
-def check_alike(
-    env: VecEnv, observation: gym.Space, action: gym.Space, n_envs: int | None = None
-) -> None:
+def check_alike(env: VecEnv, observation: gym.Space, action: gym.Space, n_envs: int) -> None:
     """Raise unless a model can go on in an environment.
 
     :param env: the new one
     :param observation: the model's space of contexts
     :param action: the model's space of trajectories
-    :param n_envs: how many environments the model has; None: any number will do
+    :param n_envs: how many environments the model has
     :raises ConfigurationError: it has other spaces, or is another number of environments
     """
     for name, has, asked in (
@@ -117,7 +115,7 @@ def check_alike(
                 f"the spaces do not match: the {name} space of env is {has}, and the model's is "
                 f"{asked}. Train a new model for another task."
             )
-    if n_envs is not None and env.num_envs != n_envs:
+    if env.num_envs != n_envs:
         raise ConfigurationError(
             f"env is {env.num_envs} parallel environments, and the model has {n_envs}; give as "
             "many, or save the model and load it with the new env."

@@ -264,8 +264,8 @@ def bytes_of(path: AnyPath, suffix: str = "") -> bytes:
     if isinstance(path, str | PathLike):
         if Path(path).is_dir() and not (suffix and Path(f"{fspath(path)}.{suffix}").exists()):
             raise FileFormatError(f"'{fspath(path)}' is a folder; name a file in it.")
-        tried = suffix if Path(path).suffix != f".{suffix}" else None
-        with open_path(Path(path), "r", suffix=tried or None) as file:
+        lacking = suffix if Path(path).suffix != f".{suffix}" else ""
+        with open_path(Path(path), "r", suffix=lacking or None) as file:
             return file.read()
     file = open_path(path, "r")
     start = file.tell()

@@ -17,7 +17,6 @@ from stable_baselines3.common.type_aliases import GymEnv, TensorDict
 from stable_baselines3.common.utils import get_system_info
 
 from sb3_nmp.common import files
-from sb3_nmp.common.environment import check_alike
 from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, UnsafeFileError
 from sb3_nmp.common.policies import TrajectoryPolicy
 
@@ -107,7 +106,6 @@ class SafeFiles(BaseAlgorithm):
             )
         if env is not None:
             env = cls._wrap_env(env, data.get("verbose", 0))
-            check_alike(env, data["observation_space"], data["action_space"])
             data["n_envs"] = env.num_envs
             if force_reset:
                 data["_last_obs"] = None
@@ -118,7 +116,7 @@ class SafeFiles(BaseAlgorithm):
         model.set_parameters(saved["parameters"], exact_match=True, device=device)
         for name, values in saved["variables"].items():
             recursive_setattr(model, f"{name}.data", values)
-        if kwargs.get("seed", data["seed"]) != data["seed"]:
+        if "seed" in kwargs and kwargs["seed"] != data.get("seed"):
             model.set_random_seed(kwargs["seed"])
         return model
 
