@@ -159,7 +159,9 @@ BOARDS = {
         tuple(range(300, 310)),
         n_checked=10,
         most_failures=0.02,
-        too_slow=frozenset({"ACNMP", "ACNMP (thesis)", "twin, Gaussian process"}),
+        too_slow=frozenset(
+            {"ACNMP", "ACNMP (thesis)", "twin, Gaussian process", "twin, Gaussian process, tuned"}
+        ),
     ),
     "via-points": Board(
         "through three and six points",
