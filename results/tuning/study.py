@@ -163,9 +163,16 @@ def tune_suite(
     :param folder: of the studies; those that it holds are kept
     :param labels: of the algorithms; all by default
     :param overwrite: do studies again that the folder holds
-    :raises BenchmarkError: no such algorithm, all trials of one failed, or the folder holds a study
-        of another plan, beside which those of this one would not be tuned equally
+    :raises BenchmarkError: no such algorithm, all trials of one failed, the folder cannot be
+        written, or it holds a study of another plan, beside which those of this one would not be
+        tuned equally
     """
+    try:
+        (folder / plan.suite).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BenchmarkError(
+            f"--out is '{folder}', where nothing can be written ({error.strerror})."
+        ) from error
     known = list(recipe.algorithms)
     where = f"the suite '{plan.suite}'"
     chosen = known if labels is None else [find_label(label, known, where) for label in labels]
