@@ -1,5 +1,6 @@
 """Pictures of one rollout: a film (.gif, .mp4) or a sheet (.png)."""
 
+import inspect
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -88,6 +89,11 @@ def render_rollout(request: RenderRequest, out: Path, look: Look = Look()) -> No
     task, context, trajectory = chosen_rollout(request)
     width, height = look.size
     named = {} if look.camera is None else {"camera": look.camera}
+    if named and "camera" not in inspect.signature(task.frames).parameters:
+        raise BenchmarkError(
+            f"--camera is '{look.camera}', and {request.task or 'the task'} draws by one camera: "
+            "its frames() takes no other."
+        )
     frames = task.frames(context, trajectory, width, height, **named)
     out.parent.mkdir(parents=True, exist_ok=True)
     if out.suffix == ".png":

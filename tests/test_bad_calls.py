@@ -1,6 +1,7 @@
 """What environments tell wrongly, and calls that SB3 or NumPy would answer in their own words."""
 
 import io
+import warnings
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,6 +19,7 @@ from sb3_nmp import (
     CNMPPretraining,
     ConfigurationError,
     Demonstrations,
+    DemonstrationWarning,
     InvalidDataError,
     ResumeWarning,
 )
@@ -344,6 +346,19 @@ def test_a_refused_environment_changes_nothing() -> None:
     with pytest.raises(ConfigurationError):
         model.set_env(DummyVecEnv([Plain] * 7))
     assert model.population_size == before and model.env.num_envs == 1
+
+
+@pytest.mark.parametrize(("factor", "told"), [(1.0, False), (180 / np.pi, True)])
+def test_demonstrations_of_another_unit_are_told(factor: float, told: bool) -> None:
+    shown = Demonstrations.from_task(ENV_ID, 2, seed=0)
+    shown = Demonstrations(shown.contexts, factor * shown.trajectories)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        ACNMP("MlpPolicy", ENV_ID, demonstrations=shown, seed=0)
+    said = [str(each.message) for each in caught if each.category is DemonstrationWarning]
+    assert len(said) == told
+    if told:
+        assert "the demonstrations' trajectories hold" in said[0] and "their units" in said[0]
 
 
 def test_another_seed_begins_other_random_numbers(tmp_path: Path) -> None:

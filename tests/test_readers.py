@@ -65,6 +65,12 @@ def test_one_demonstration_without_times_and_contexts_given_apart(tmp_path: Path
         Demonstrations.from_csv(path)
     with pytest.raises(InvalidDataError, match="2 contexts were given for 1"):
         Demonstrations.from_csv(path, contexts=[[9.0], [8.0]])
+    with pytest.raises(InvalidDataError, match="contexts must be numbers"):
+        Demonstrations.from_csv(path, contexts=["a"])
+    with pytest.raises(FileFormatError, match="the first row 1, 2; it must be the header"):
+        Demonstrations.from_csv(table(tmp_path, "1,2\n3,4\n"), contexts=[[9.0]])
+    with pytest.raises(InvalidDataError, match="'context_x', and contexts= are given"):
+        Demonstrations.from_csv(table(tmp_path, TABLE), contexts=[[9.0], [8.0]])
 
 
 @pytest.mark.parametrize(
@@ -79,6 +85,10 @@ def test_one_demonstration_without_times_and_contexts_given_apart(tmp_path: Path
         ("q1,q2", "q1,q1", r"header names \['q1'\]; each column needs a name of its own"),
         ("q1,q2", "q1,", r"a column without a name"),
         ("q1,q2", "context_a,context_b", r"none of which is a dimension"),
+        ("q1,q2", "Context_a,q2", r"'Context_a'.*begin with 'context' in small letters"),
+        ("q1,q2", "Unnamed: 0,q2", r"the column 'Unnamed: 0', which would be a dimension"),
+        ("q1,q2", "index,q2", r"the column 'index', which would be a dimension"),
+        ("demonstration,time", "demonstration,time_us", r"'time_us'.*in a column 'time'"),
         ("0.2,1.5", '0.2,"1.5', r"no comma-separated text"),
     ],
 )
@@ -201,6 +211,9 @@ def test_what_is_no_lerobot_dataset_is_said(tmp_path: Path) -> None:
         Demonstrations.from_lerobot(tmp_path, context="goal")
     with pytest.raises(InvalidDataError, match=r"no episode \[7\]; it has 3"):
         Demonstrations.from_lerobot(tmp_path, episodes=[0, 7])
+    for wrong in (0, [True, False], [0.0]):
+        with pytest.raises(InvalidDataError, match="a list of episodes' numbers"):
+            Demonstrations.from_lerobot(tmp_path, episodes=wrong)  # type: ignore[arg-type]
     file = next(tmp_path.rglob("*.parquet"))
     file.write_bytes(b"PAR1 nothing")
     with pytest.raises(FileFormatError, match=r"file-000\.parquet does not hold"):

@@ -10,7 +10,7 @@ from PIL import Image
 from rich.console import Console
 
 from baselines import GA
-from benchmark_envs import RenderingUnavailableError, TaskError, make_task
+from benchmark_envs import MujocoTask, RenderingUnavailableError, TaskError, make_task
 from results import render
 from results.cli import main
 from results.exceptions import BenchmarkError, RecordError, UnreadableRecordError
@@ -159,7 +159,9 @@ def test_a_film_is_as_fast_as_the_rollout_or_says_its_speed(tmp_path: Path):
             assert (np.ptp(corner) > 0) == (speed != 1.0)
 
 
-def test_a_rollout_is_drawn_as_asked_from_any_camera(tmp_path: Path):
+def test_a_rollout_is_drawn_as_asked_from_any_camera(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     expert = RenderRequest("nmp/Bottles-v0", expert="s")
     try:
         render_rollout(expert, tmp_path / "film.gif", Look("top", (64, 48)))
@@ -172,6 +174,10 @@ def test_a_rollout_is_drawn_as_asked_from_any_camera(tmp_path: Path):
     render_rollout(expert, tmp_path / "sheet.png", Look(size=(160, 120)))
     height, width = imread(tmp_path / "sheet.png").shape[:2]
     assert width > 1000 and height > 600
+    with monkeypatch.context() as patch:
+        patch.setattr(MujocoTask, "frames", lambda self, context, trajectory, width, height: [])
+        with pytest.raises(BenchmarkError, match=r"--camera is 'top'.*takes no other"):
+            render_rollout(expert, tmp_path / "own.gif", Look("top"))
     with pytest.raises(TaskError, match="no camera 'side'; there are overview, top"):
         render_rollout(expert, tmp_path / "film.gif", Look("side"))
     with pytest.raises(TaskError, match="5000 x 48 pixels cannot be drawn"):

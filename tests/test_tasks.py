@@ -32,6 +32,7 @@ from benchmark_envs import (
     TrajectoryVecEnv,
     UnknownTaskError,
     make_task,
+    register_task,
     task_ids,
 )
 
@@ -518,6 +519,23 @@ def test_unknown_ids_settings_and_modes_list_what_exists() -> None:
         task.demonstrate(context_of(task), "straight")
     with pytest.raises(TaskError, match="no render mode 'human'"):
         benchmark_envs.TrajectoryEnv("nmp/Bottles-v0", render_mode="human")
+
+
+def test_what_cannot_be_registered_leaves_nothing_behind() -> None:
+    push = type(make_task("nmp/Push-v0"))
+    for given, message in (
+        (push, "it needs the task's id, such as @register_task"),
+        ("my lab/Hit Ball", "Gymnasium's ids look like 'mylab/HitBall-v0'"),
+    ):
+        with pytest.raises(TaskError, match=message):
+            register_task(given)  # type: ignore[arg-type]
+    with pytest.raises(TaskError, match="'mylab/Text-v0'; it must be a class of Task"):
+        register_task("mylab/Text-v0")(str)  # type: ignore[type-var]
+    other = type("Other", (push,), {})
+    with pytest.raises(TaskError, match=r"'nmp/Push-v0' is registered twice.*Push.*Other"):
+        register_task("nmp/Push-v0")(other)
+    assert type(make_task("nmp/Push-v0")) is push
+    assert "mylab/Text-v0" not in [*benchmark_envs.task_ids(), *gym.registry]
 
 
 @TASKS

@@ -2,6 +2,7 @@
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -234,6 +235,28 @@ def test_bad_input_of_translate(transfer: SkillTransfer) -> None:
         transfer.translate(SOURCE, to="left")  # type: ignore[arg-type]
     with pytest.raises(ConfigurationError, match=r"call fit\(\) first"):
         SkillTransfer(SOURCE, TARGET).translate(SOURCE)
+    with pytest.raises(InvalidDataError, match=r"shape \(2, 3\); they need \(N, \d+\), as encode"):
+        transfer.decode(np.zeros((2, 3)))
+    with pytest.raises(InvalidDataError, match="latents hold nan"):
+        transfer.decode(np.full_like(transfer.encode(SOURCE.trajectories), np.nan))
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"seed": -1}, "seed is -1"),
+        ({"training": {"n_steps": 5}}, "training is {'n_steps': 5}; it must be a TransferTraining"),
+        ({"architecture": "latent"}, "architecture is 'latent'; it must be a CNMPArchitecture"),
+    ],
+)
+def test_bad_arguments(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        SkillTransfer(SOURCE, TARGET, **given)
+
+
+def test_what_watches_must_be_a_function() -> None:
+    with pytest.raises(ConfigurationError, match="watch is 3; it must be a function"):
+        SkillTransfer(SOURCE, TARGET, training=QUICK, seed=0).fit(watch=3)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

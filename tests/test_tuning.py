@@ -447,6 +447,11 @@ def test_the_command_writes_studies_and_keeps_those_that_are_there(
     assert "2 trials of 1 runs" in capsys.readouterr().out
     assert main(arguments) == 0
     assert "random search: kept" in capsys.readouterr().out
+    (tmp_path / "file").write_text("")
+    assert main([*arguments[:-1], str(tmp_path / "file")]) == 2
+    assert "file', where nothing can be written" in capsys.readouterr().err
+    assert main(["tune", "--seeds", "1000"]) == 2
+    assert "the tuning seeds are [0, 1, 2, ...]; reported" in capsys.readouterr().err
 
 
 def test_a_study_whose_trials_all_failed_is_none(

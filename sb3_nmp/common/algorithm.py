@@ -166,7 +166,7 @@ class TrajectoryAlgorithm(GenerationAlgorithm):
             self.observation_space, self.action_space, self.lr_schedule, **self.policy_kwargs
         ).to(self.device)
         if self.demonstrations is not None:
-            self.demonstrations.check_fits(self.policy.context_dim, self.policy.trajectory_shape)
+            environment.check_shown(self.demonstrations, self.observation_space, self.action_space)
 
     def _check_scale(self, name: str) -> None:
         """Raise unless an attribute is None or a standard deviation that fits a trajectory."""

@@ -33,14 +33,15 @@ OTHER_DELIMITERS = (";", "\t", "|")
 #: names of columns that can mean nothing but time, with a unit or without
 MEANS_TIME = re.compile(
     r"(t|times?|(time_?)?stamps?|time_?steps?|secs?|seconds?|msecs?|milliseconds?)"
-    r"([ _]*[\[(]?(s|ms|secs?|seconds?)[\])]?)?",
+    r"([ _]*[\[(]?(s|ms|us|µs|ns|(m|milli|micro|nano)?sec(ond)?s?)[\])]?)?",
     re.IGNORECASE,
 )
 #: names that can mean nothing but which demonstration, or which point of it, a row is of
 MEANS_NUMBER = re.compile(
     r"((demonstrations?|demos?|episodes?|trajector(y|ies)|trajs?|rollouts?|runs?)"
     r"([ _]?(ids?|index|indices|numbers?|nr|idx))?"
-    r"|(frame|step|row)s?[ _]?(index|idx|number|nr|id)?)",
+    r"|(frame|step|row)s?[ _]?(index|idx|number|nr|id)?"
+    r"|index|idx|id|level_\d+|unnamed: \d+)",
     re.IGNORECASE,
 )
 FloatArray = NDArray[np.float64]
@@ -74,10 +75,25 @@ def read_csv(
             f"{path} has no column that begins with '{CONTEXT}'; add some, or give contexts= with "
             f"a row for each of its {len(shown)} demonstrations."
         )
-    told = [each.context for each in shown] if contexts is None else contexts
+    if contexts is not None and columns.contexts:
+        raise InvalidDataError(
+            f"{path} has the column '{columns.header[columns.contexts[0]]}', and contexts= are "
+            "given: leave out one of them."
+        )
+    told = [each.context for each in shown] if contexts is None else _numbers(contexts)
     times = [np.array(each.times) for each in shown] if columns.time is not None else None
     points = [np.array(each.points) for each in shown]
     return np.asarray(told, np.float64), of_one_length(points, times, n_steps, str(path))
+
+
+def _numbers(contexts: ArrayLike) -> FloatArray:
+    """Return contexts that a user gives as an array."""
+    try:
+        return np.asarray(contexts, np.float64)
+    except (ValueError, TypeError) as error:
+        raise InvalidDataError(
+            f"contexts must be numbers, shape (N, C), a row for each demonstration: {error}."
+        ) from error
 
 
 def _read_rows(path: str | PathLike[str]) -> tuple["_Columns", dict[str, _Recorded]]:
@@ -109,7 +125,7 @@ def _read_rows(path: str | PathLike[str]) -> tuple["_Columns", dict[str, _Record
 
 
 def _check_header(path: str, header: list[str]) -> None:
-    """Raise for another delimiter, and for a time that would count as a dimension."""
+    """Raise where there is none, and for names that would count as dimensions and are none."""
     found = [each for each in OTHER_DELIMITERS if len(header) == 1 and each in header[0]]
     if found:
         raise FileFormatError(
@@ -123,6 +139,18 @@ def _check_header(path: str, header: list[str]) -> None:
             f"times stand in a column '{TIME}': rename it, or leave it out where points have equal "
             "distances."
         )
+    if header and all(map(_is_number, header)):
+        raise FileFormatError(
+            f"{path} has the first row {', '.join(header)}; it must be the header, with a name for "
+            "each column: add one."
+        )
+    capital = [name for name in header if name.lower().startswith(CONTEXT)]
+    capital = [name for name in capital if not name.startswith(CONTEXT)]
+    if capital:
+        raise FileFormatError(
+            f"{path} has the column '{capital[0]}', which would be a dimension of the trajectory; "
+            f"columns of the context begin with '{CONTEXT}' in small letters: rename it."
+        )
     numbers = [name for name in header if MEANS_NUMBER.fullmatch(name) and name != NUMBER]
     if numbers:
         raise FileFormatError(
@@ -130,6 +158,14 @@ def _check_header(path: str, header: list[str]) -> None:
             f"which demonstration a row is of stands in a column '{NUMBER}', and rows are in the "
             "order of time: rename it, or leave it out."
         )
+
+
+def _is_number(name: str) -> bool:
+    try:
+        float(name)
+    except ValueError:
+        return False
+    return True
 
 
 class _Columns:

@@ -1,5 +1,6 @@
 """What an algorithm asks of an environment, and the messages for one that does not fit."""
 
+import warnings
 from numbers import Real
 from typing import cast
 
@@ -9,15 +10,46 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv, unwrap_vec_normalize
 
+from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import (
     AlgorithmContractError,
     ConfigurationError,
+    DemonstrationWarning,
     InvalidDataError,
 )
 
 FloatArray = NDArray[np.float64]
 #: a standard deviation in the trajectory's unit: one value, or one per dimension
 Scale = float | tuple[float, ...]
+
+
+#: share of a space's width by which demonstrations may lie outside of it without a warning
+OVERHANG = 0.1
+
+
+def check_shown(shown: Demonstrations, observations: gym.Space, actions: gym.Space) -> None:
+    """Raise for demonstrations of other shapes, and warn of those that lie far outside the spaces.
+
+    :param shown: contexts (N, C) and trajectories (N, T, D); recordings overshoot a little
+    :param observations: of the contexts, shape (C,)
+    :param actions: of the trajectories, shape (T, D)
+    :raises InvalidDataError: they do not fit
+    """
+    seen, moved = cast(spaces.Box, observations), cast(spaces.Box, actions)
+    shown.check_fits(seen.shape[0], (moved.shape[0], moved.shape[1]))
+    for name, space in (("contexts", seen), ("trajectories", moved)):
+        values = getattr(shown, name)
+        low, high = space.low.astype(np.float64), space.high.astype(np.float64)
+        far = np.maximum(low - values, values - high) > OVERHANG * (high - low)
+        if far.any():
+            index = tuple(int(i) for i in np.argwhere(far)[0])
+            warnings.warn(
+                f"the demonstrations' {name} hold {values[index]:.4g} at index {index}, far "
+                f"outside the space's {low[index[1:]]:.4g} to {high[index[1:]]:.4g} "
+                f"({far.mean():.0%} of their values are): are their units the environment's?",
+                DemonstrationWarning,
+                stacklevel=4,
+            )
 
 
 def check_env_id(env: object) -> None:

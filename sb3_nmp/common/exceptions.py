@@ -33,6 +33,10 @@ class ViaPointWarning(UserWarning):
     """A trajectory misses a via-point, since the action space allows no more."""
 
 
+class DemonstrationWarning(UserWarning):
+    """Demonstrations lie far outside the spaces of the environment, as in another unit."""
+
+
 class ContextWarning(UserWarning):
     """A context lies outside the observation space, so that the answer is an extrapolation."""
 

@@ -6,8 +6,9 @@ of them a row is a frame, with ``episode_index``, ``frame_index`` and ``timestam
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib.util import find_spec
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,7 @@ def read_lerobot(
     frames = _frames(folder, [*dict.fromkeys((trajectory, context))])
     indices = frames["episode_index"]
     known = np.unique(indices).tolist()
-    wanted = known if episodes is None else list(episodes)
+    wanted = known if episodes is None else _whole(episodes)
     missing = sorted(set(wanted) - set(known))
     if missing or not wanted:
         raise InvalidDataError(
@@ -63,6 +64,17 @@ def read_lerobot(
         rows.append(frames[trajectory][own])
         times.append(frames["timestamp"][own])
     return np.stack(contexts), of_one_length(rows, times, n_steps, str(folder))
+
+
+def _whole(episodes: Sequence[int]) -> list[int]:
+    """Return the numbers of episodes as they are given, in a list."""
+    numbers = list(episodes) if isinstance(episodes, Iterable) else [episodes]
+    whole = [isinstance(each, Integral) and not isinstance(each, bool) for each in numbers]
+    if not (isinstance(episodes, Iterable) and all(whole)):
+        raise InvalidDataError(
+            f"episodes is {episodes!r}; it must be a list of episodes' numbers, such as [0, 2]."
+        )
+    return [int(each) for each in numbers]
 
 
 def _features(folder: Path) -> dict[str, dict[str, Any]]:

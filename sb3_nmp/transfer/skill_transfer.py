@@ -8,9 +8,10 @@ import torch as th
 from numpy.typing import ArrayLike, NDArray
 
 from sb3_nmp.common import files
+from sb3_nmp.common.arguments import check_seed
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import ConfigurationError, InvalidDataError
-from sb3_nmp.common.finite_arrays import numbers
+from sb3_nmp.common.finite_arrays import finite_array, numbers
 from sb3_nmp.models.cnmp import CNMP, CNMPArchitecture
 from sb3_nmp.transfer.proxy_skills import ProxySkills
 from sb3_nmp.transfer.settings import TransferTraining
@@ -61,8 +62,8 @@ class SkillTransfer:
     :param training: how they are trained; None: by the defaults, or the preset ``"moment"``
     :param seed: of first weights and batches; None draws one
     :param shared: what a point of the latent space stands for: ``"skill"`` or ``"moment"``
-    :raises ConfigurationError: ``source`` or ``target`` is no `Demonstrations`, or ``shared`` is
-        neither
+    :raises ConfigurationError: ``source`` or ``target`` is no `Demonstrations`, ``shared`` is
+        neither, or architecture, training or seed are none
     :raises InvalidDataError: the robots show different skills, or in another order, or a skill of
         one robot only
     """
@@ -79,13 +80,15 @@ class SkillTransfer:
     ) -> None:
         if shared not in get_args(Shared):
             raise ConfigurationError(f"shared is {shared!r}; it must be 'skill' or 'moment'.")
+        _check_kind("architecture", architecture, CNMPArchitecture)
+        _check_kind("training", training, TransferTraining)
         self.shared: Shared = shared
         self.skills: ProxySkills | None = ProxySkills(source, target)
         of_moments = shared == "moment"
         usual = TransferTraining.preset("moment") if of_moments else TransferTraining()
         architecture = architecture or CNMPArchitecture.preset("moment" if of_moments else "latent")
         self.architecture, self.training, self.seed = architecture, training or usual, seed
-        self.rng = np.random.default_rng(seed)
+        self.rng = np.random.default_rng(check_seed(seed))
         first_weights = int(self.rng.integers(2**31))
         self._networks = _networks(
             (source.trajectory_shape, target.trajectory_shape), architecture, first_weights
@@ -113,6 +116,10 @@ class SkillTransfer:
             raise ConfigurationError(
                 "a saved SkillTransfer does not hold its demonstrations and cannot be trained "
                 "further; make a new one with SkillTransfer(source, target)."
+            )
+        if watch is not None and not callable(watch):
+            raise ConfigurationError(
+                f"watch is {watch!r}; it must be a function that takes the number of steps."
             )
         robots = []
         for cnmp, shown in zip(
@@ -166,10 +173,11 @@ class SkillTransfer:
             robot's time points: (N, T, E * Z)
         :param robot: whose trajectories are wanted
         :raises ConfigurationError: `fit` has not been called, or no such robot
-        :raises InvalidDataError: moments that are not as many as the robot's time points
+        :raises InvalidDataError: a wrong shape, a value that is not finite, or moments that are not
+            as many as the robot's time points
         """
         cnmp = self._network(robot)
-        code = cnmp.times.new_tensor(np.asarray(latents))
+        code = cnmp.times.new_tensor(self._latents(latents))
         with th.no_grad():
             if self.shared == "skill":
                 decoded = cnmp.mean(code.new_zeros((len(code), 1)), code)
@@ -214,6 +222,18 @@ class SkillTransfer:
         if isinstance(shown, Demonstrations):
             return Demonstrations(shown.contexts, found)
         return found[0] if np.ndim(shown) == 2 else found
+
+    def _latents(self, latents: ArrayLike) -> NDArray[np.float64]:
+        """Return points of the latent space, checked."""
+        kind, needed = self.architecture, "(N, {})" if self.shared == "skill" else "(N, T, {})"
+        width = kind.n_members * kind.representation_dim
+        found = finite_array("latents", latents, needed.format(width), needed.count(",") + 1)
+        if found.shape[-1] != width:
+            raise InvalidDataError(
+                f"the latents have shape {found.shape}; they need {needed.format(width)}, as "
+                "encode returns them."
+            )
+        return found
 
     def _network(self, robot: Robot) -> CNMP:
         if robot not in get_args(Robot):
@@ -264,6 +284,11 @@ class SkillTransfer:
             cnmp.train(False)
         made.is_fitted = True
         return made
+
+
+def _check_kind(name: str, given: object, kind: type) -> None:
+    if given is not None and not isinstance(given, kind):
+        raise ConfigurationError(f"{name} is {given!r}; it must be a {kind.__name__}, or None.")
 
 
 def _networks(shapes: Any, architecture: CNMPArchitecture, seed: int) -> tuple[CNMP, CNMP]:  # noqa: ANN401
