@@ -72,9 +72,9 @@ class TuningPlan:
         """Check seeds, trials and measure."""
         reported = [seed for seed in self.seeds if seed < FIRST_TUNING_SEED]
         if reported or not self.seeds:
-            some = f"{list(self.seeds[:3])}"[:-1] + (", ...]" if len(self.seeds) > 3 else "]")
+            some = ", ".join(map(str, self.seeds[:3])) + (", ..." if len(self.seeds) > 3 else "")
             raise BenchmarkError(
-                f"the tuning seeds are {some}; reported runs have seeds below "
+                f"the tuning seeds are [{some}]; reported runs have seeds below "
                 f"{FIRST_TUNING_SEED}, so tuning needs at least one, and all from there on, such "
                 f"as --seeds {FIRST_TUNING_SEED}-{FIRST_TUNING_SEED + 4}."
             )

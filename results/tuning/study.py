@@ -167,12 +167,6 @@ def tune_suite(
         written, or it holds a study of another plan, beside which those of this one would not be
         tuned equally
     """
-    try:
-        (folder / plan.suite).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BenchmarkError(
-            f"--out is '{folder}', where nothing can be written ({error.strerror})."
-        ) from error
     known = list(recipe.algorithms)
     where = f"the suite '{plan.suite}'"
     chosen = known if labels is None else [find_label(label, known, where) for label in labels]
@@ -181,6 +175,12 @@ def tune_suite(
         held = path if path.exists() else unfinished_path(path)
         if held.exists() and not (overwrite and label in chosen):
             _check_same_plan(held, plan)
+    try:
+        (folder / plan.suite).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BenchmarkError(
+            f"--out is '{folder}', where nothing can be written ({error.strerror})."
+        ) from error
     for label in chosen:
         path = study_path(folder, plan.suite, label)
         if path.exists() and not overwrite:

@@ -4,7 +4,7 @@ import inspect
 import types
 from collections.abc import Mapping
 from numbers import Integral, Real
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Any, Literal, TypeGuard, Union, get_args, get_origin
 
 import numpy as np
 
@@ -34,6 +34,17 @@ def check_types(cls: type, given: Mapping[str, Any]) -> None:
         declared = parameters[name].annotation
         if not fits(value, declared):
             raise ConfigurationError(f"{name} is {value!r}; it must be {in_words(declared)}.")
+
+
+def is_whole(value: object) -> TypeGuard[int]:
+    """Tell whether a value is a whole number; True and False are none.
+
+    >>> is_whole(3), is_whole(3.0), is_whole(True)
+    (True, False, False)
+
+    :param value: any
+    """
+    return isinstance(value, Integral) and not isinstance(value, bool)
 
 
 def fits(value: object, declared: Any) -> bool:  # noqa: ANN401

@@ -20,6 +20,7 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import Schedule
 from stable_baselines3.common.utils import get_device
 
+from sb3_nmp.common.argument_types import is_whole
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.environment import check_budget
 from sb3_nmp.common.exceptions import ConfigurationError, UnknownArgumentError
@@ -142,8 +143,7 @@ def check_seed(seed: object) -> int | None:
     :param seed: any, or None
     :raises ConfigurationError: it is no whole number, below 0 or above 2^32 - 1
     """
-    whole = isinstance(seed, Integral) and not isinstance(seed, bool)
-    if seed is not None and not (whole and 0 <= int(cast(int, seed)) < 2**32):
+    if seed is not None and not (is_whole(seed) and 0 <= int(seed) < 2**32):
         raise ConfigurationError(
             f"seed is {seed!r}; it must be a whole number in [0, {2**32 - 1}], or None for a run "
             "that cannot be repeated."

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sb3_nmp.common.exceptions import FileFormatError, InvalidDataError
 from sb3_nmp.common.files import writing
+from sb3_nmp.common.finite_arrays import numbers
 from sb3_nmp.common.resampling import of_one_length
 
 NUMBER, TIME, CONTEXT = "demonstration", "time", "context"
@@ -80,20 +81,11 @@ def read_csv(
             f"{path} has the column '{columns.header[columns.contexts[0]]}', and contexts= are "
             "given: leave out one of them."
         )
-    told = [each.context for each in shown] if contexts is None else _numbers(contexts)
+    told = [each.context for each in shown] if contexts is None else contexts
     times = [np.array(each.times) for each in shown] if columns.time is not None else None
     points = [np.array(each.points) for each in shown]
-    return np.asarray(told, np.float64), of_one_length(points, times, n_steps, str(path))
-
-
-def _numbers(contexts: ArrayLike) -> FloatArray:
-    """Return contexts that a user gives as an array."""
-    try:
-        return np.asarray(contexts, np.float64)
-    except (ValueError, TypeError) as error:
-        raise InvalidDataError(
-            f"contexts must be numbers, shape (N, C), a row for each demonstration: {error}."
-        ) from error
+    parameters = numbers("contexts", told, "(N, C), a row for each demonstration")
+    return parameters, of_one_length(points, times, n_steps, str(path))
 
 
 def _read_rows(path: str | PathLike[str]) -> tuple["_Columns", dict[str, _Recorded]]:
@@ -139,33 +131,34 @@ def _check_header(path: str, header: list[str]) -> None:
             f"times stand in a column '{TIME}': rename it, or leave it out where points have equal "
             "distances."
         )
-    if header and all(map(_is_number, header)):
+    if header and all(math.isfinite(_number(name)) for name in header):
         raise FileFormatError(
             f"{path} has the first row {', '.join(header)}; it must be the header, with a name for "
             "each column: add one."
         )
-    capital = [name for name in header if name.lower().startswith(CONTEXT)]
-    capital = [name for name in capital if not name.startswith(CONTEXT)]
+    capital = [
+        name for name in header if name.lower().startswith(CONTEXT) and not name.startswith(CONTEXT)
+    ]
     if capital:
         raise FileFormatError(
             f"{path} has the column '{capital[0]}', which would be a dimension of the trajectory; "
             f"columns of the context begin with '{CONTEXT}' in small letters: rename it."
         )
-    numbers = [name for name in header if MEANS_NUMBER.fullmatch(name) and name != NUMBER]
-    if numbers:
+    counts = [name for name in header if MEANS_NUMBER.fullmatch(name) and name != NUMBER]
+    if counts:
         raise FileFormatError(
-            f"{path} has the column '{numbers[0]}', which would be a dimension of the trajectory; "
+            f"{path} has the column '{counts[0]}', which would be a dimension of the trajectory; "
             f"which demonstration a row is of stands in a column '{NUMBER}', and rows are in the "
             "order of time: rename it, or leave it out."
         )
 
 
-def _is_number(name: str) -> bool:
+def _number(cell: str) -> float:
+    """Return a cell's number; NaN where it holds none."""
     try:
-        float(name)
+        return float(cell)
     except ValueError:
-        return False
-    return True
+        return math.nan
 
 
 class _Columns:
@@ -228,10 +221,7 @@ class _Columns:
         known.points.append([self._value(row, i, line) for i in self.dimensions])
 
     def _value(self, row: list[str], column: int, line: int) -> float:
-        try:
-            value = float(row[column])
-        except ValueError:
-            value = math.nan
+        value = _number(row[column])
         if not math.isfinite(value):
             raise FileFormatError(
                 f"{self.path}, row {line}, column '{self.header[column]}': '{row[column]}' is no "
@@ -285,8 +275,8 @@ def write_csv(
     lines = [header]
     for number, (context, trajectory) in enumerate(zip(told, shown, strict=True), start=1):
         for time, point in zip(np.asarray(times), trajectory, strict=True):
-            numbers = [float(time), *map(float, context), *map(float, point)]
-            lines.append([str(number), *map(repr, numbers)])
+            values = [float(time), *map(float, context), *map(float, point)]
+            lines.append([str(number), *map(repr, values)])
     text = "".join(",".join(line) + "\n" for line in lines)
     with writing(path) as file:
         file.write(text.encode())

@@ -13,6 +13,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sb3_nmp.common.argument_types import is_whole
 from sb3_nmp.common.csv_files import read_csv
 from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
 from sb3_nmp.common.files import AnyPath, read_arrays, writing
@@ -193,7 +194,7 @@ class Demonstrations:
                 f"{type(source).__name__} has no expert: it needs the methods demonstrate(context) "
                 "and sample_context(rng). Give Demonstrations(contexts, trajectories) your own."
             )
-        whole = isinstance(seed, Integral) and not isinstance(seed, bool) and int(seed) >= 0
+        whole = is_whole(seed) and seed >= 0
         if seed is not None and not whole and not isinstance(seed, np.random.Generator):
             raise ConfigurationError(
                 f"seed is {seed!r}; it must be a whole number from 0, a generator of NumPy, or "

@@ -41,14 +41,18 @@ def finite_array(
     return array
 
 
-def numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
+def numbers(name: str, values: ArrayLike, shape: str | None = None) -> NDArray[np.float64]:
     """Return a float64 copy.
 
     :param name: of the array, a plural
     :param values: of it
+    :param shape: that it needs, in words, for the message; it is not checked
     :raises InvalidDataError: texts, other objects, or rows of mixed lengths
     """
     try:
         return np.array(values, np.float64)
     except (TypeError, ValueError) as error:
-        raise InvalidDataError(f"the {name} are not an array of numbers: {error}") from error
+        needed = f"; {name} must be numbers, shape {shape}." if shape else ""
+        raise InvalidDataError(
+            f"the {name} are not an array of numbers: {error}{needed}"
+        ) from error

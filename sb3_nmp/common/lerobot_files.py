@@ -8,13 +8,13 @@ of them a row is a frame, with ``episode_index``, ``frame_index`` and ``timestam
 import json
 from collections.abc import Iterable, Sequence
 from importlib.util import find_spec
-from numbers import Integral
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sb3_nmp.common.argument_types import is_whole
 from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
 from sb3_nmp.common.resampling import of_one_length
 
@@ -68,9 +68,8 @@ def read_lerobot(
 
 def _whole(episodes: Sequence[int]) -> list[int]:
     """Return the numbers of episodes as they are given, in a list."""
-    numbers = list(episodes) if isinstance(episodes, Iterable) else [episodes]
-    whole = [isinstance(each, Integral) and not isinstance(each, bool) for each in numbers]
-    if not (isinstance(episodes, Iterable) and all(whole)):
+    numbers: list[Any] = list(episodes) if isinstance(episodes, Iterable) else [None]
+    if not all(map(is_whole, numbers)):
         raise InvalidDataError(
             f"episodes is {episodes!r}; it must be a list of episodes' numbers, such as [0, 2]."
         )

@@ -8,6 +8,7 @@ import torch as th
 from numpy.typing import ArrayLike, NDArray
 
 from sb3_nmp.common import files
+from sb3_nmp.common.argument_types import check_types
 from sb3_nmp.common.arguments import check_seed
 from sb3_nmp.common.demonstrations import Demonstrations
 from sb3_nmp.common.exceptions import ConfigurationError, InvalidDataError
@@ -80,8 +81,7 @@ class SkillTransfer:
     ) -> None:
         if shared not in get_args(Shared):
             raise ConfigurationError(f"shared is {shared!r}; it must be 'skill' or 'moment'.")
-        _check_kind("architecture", architecture, CNMPArchitecture)
-        _check_kind("training", training, TransferTraining)
+        check_types(type(self), {"architecture": architecture, "training": training})
         self.shared: Shared = shared
         self.skills: ProxySkills | None = ProxySkills(source, target)
         of_moments = shared == "moment"
@@ -225,13 +225,12 @@ class SkillTransfer:
 
     def _latents(self, latents: ArrayLike) -> NDArray[np.float64]:
         """Return points of the latent space, checked."""
-        kind, needed = self.architecture, "(N, {})" if self.shared == "skill" else "(N, T, {})"
-        width = kind.n_members * kind.representation_dim
-        found = finite_array("latents", latents, needed.format(width), needed.count(",") + 1)
+        width = self.architecture.n_members * self.architecture.representation_dim
+        needed, n = (f"(N, {width})", 2) if self.shared == "skill" else (f"(N, T, {width})", 3)
+        found = finite_array("latents", latents, needed, n)
         if found.shape[-1] != width:
             raise InvalidDataError(
-                f"the latents have shape {found.shape}; they need {needed.format(width)}, as "
-                "encode returns them."
+                f"the latents have shape {found.shape}; they need {needed}, as encode returns them."
             )
         return found
 
@@ -286,11 +285,6 @@ class SkillTransfer:
         return made
 
 
-def _check_kind(name: str, given: object, kind: type) -> None:
-    if given is not None and not isinstance(given, kind):
-        raise ConfigurationError(f"{name} is {given!r}; it must be a {kind.__name__}, or None.")
-
-
 def _networks(shapes: Any, architecture: CNMPArchitecture, seed: int) -> tuple[CNMP, CNMP]:  # noqa: ANN401
     """Return two new networks; PyTorch's own generator is left as it was."""
     with th.random.fork_rng(devices=[]):
@@ -302,7 +296,7 @@ def _networks(shapes: Any, architecture: CNMPArchitecture, seed: int) -> tuple[C
 def _decoded_moments(code: th.Tensor, cnmp: CNMP, robot: Robot) -> th.Tensor:
     """Return what moments decode to, each at its own time, shape (N, T, D)."""
     n_points = len(cnmp.times)
-    if code.ndim != 3 or code.shape[1] != n_points:
+    if code.shape[1] != n_points:
         raise InvalidDataError(
             f"latents have shape {tuple(code.shape)}; of moments there must be one for each of the "
             f"{robot} robot's {n_points} time points: (N, {n_points}, E * Z)."
