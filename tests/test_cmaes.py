@@ -13,7 +13,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 import benchmark_envs  # noqa: F401  (registers the tasks)
 from baselines import CMAES
 from baselines.cmaes.search import FloatArray, ResidualSearch, ResidualSpace
-from sb3_nmp import ConfigurationError, Demonstrations, InvalidDataError, SmoothNoise
+from sb3_nmp import (
+    ConfigurationError,
+    Demonstrations,
+    DemonstrationWarning,
+    InvalidDataError,
+    SmoothNoise,
+)
 from sb3_nmp.common.rollouts import Generation
 from sb3_nmp.models.cnmp_training import CNMPPretraining
 
@@ -141,7 +147,10 @@ class TestAlgorithm:
         shown = Demonstrations(np.arange(12.0).reshape(3, 4), np.repeat(ramps, 2, axis=2))
         spread = []
         for shaped in (0.0, 0.99):
-            model = make(demonstrations=shown, shaped=shaped, population_size=50).learn(50)
+            with pytest.warns(DemonstrationWarning) as told:  # these lie outside both spaces
+                model = make(demonstrations=shown, shaped=shaped, population_size=50)
+            assert [str(each.message).split()[2] for each in told] == ["contexts", "trajectories"]
+            model.learn(50)
             search: Any = model.searches[0].search
             tried = search.ask(50, np.random.default_rng(0))
             spread.append(tried.std(axis=0).mean(axis=1))
