@@ -160,7 +160,13 @@ BOARDS = {
         n_checked=10,
         most_failures=0.02,
         too_slow=frozenset(
-            {"ACNMP", "ACNMP (thesis)", "twin, Gaussian process", "twin, Gaussian process, tuned"}
+            {
+                "ACNMP",
+                "ACNMP, tuned",
+                "ACNMP (thesis)",
+                "twin, Gaussian process",
+                "twin, Gaussian process, tuned",
+            }
         ),
     ),
     "via-points": Board(
