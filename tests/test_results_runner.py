@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from results.exceptions import BenchmarkError, SettingsClashError
+from results.harness.counters import RolloutCounters
 from results.harness.environments import RunTask
 from results.harness.progress import run_with_progress
 from results.harness.provenance import provenance
 from results.harness.record_files import read_record, read_records
 from results.harness.records import Result
 from results.harness.resume import plan_runs
-from results.harness.runner import RolloutCounters, execute, record_of, run_plan
+from results.harness.runner import execute, record_of, run_plan
 from results.harness.specification import Algorithm, RunSpecification, plain
 from results.one_context.protocol import OneContext
 from results.report.frames import curves_frame

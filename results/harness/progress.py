@@ -8,9 +8,10 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from results.harness.cluster import ClusterGoneError
+from results.harness.counters import RolloutCounters
 from results.harness.record_files import FAILED
 from results.harness.resume import Plan, finished_path
-from results.harness.runner import Backend, Outcome, RolloutCounters, run_plan
+from results.harness.runner import Backend, Outcome, run_plan
 
 DONE, ALL_FAILED, INTERRUPTED = 0, 1, 130
 MISSING = ALL_FAILED  # where a file that is there cannot be read
@@ -53,12 +54,18 @@ class RunProgress(Progress):
         yield from super().get_renderables()
 
 
-def run_with_progress(plan: Plan, n_workers: int | None, backend: Backend = "processes") -> int:
+def run_with_progress(
+    plan: Plan,
+    n_workers: int | None,
+    backend: Backend = "processes",
+    n_together: int = 1,
+) -> int:
     """Do the runs of a plan, tell about each, and return the exit status.
 
     :param plan: what is to be done
     :param n_workers: processes; one per core by default
     :param backend: where, see `run_plan`
+    :param n_together: runs side by side in one process, see `run_plan`
     """
     console = Console(highlight=False, soft_wrap=True)
     for why in plan.unreadable:
@@ -82,7 +89,7 @@ def run_with_progress(plan: Plan, n_workers: int | None, backend: Backend = "pro
             RolloutCounters(len(plan.todo)) as counters,
             RunProgress(plan, counters, console) as progress,
         ):
-            for outcome in run_plan(plan, n_workers, counters, backend):
+            for outcome in run_plan(plan, n_workers, counters, backend, n_together):
                 ended.append(outcome)
                 progress.ended(len(ended))
                 progress.console.print(describe(outcome), markup=False)

@@ -243,12 +243,15 @@ class Result:
     :param seconds: that it took
     :param measured: by its protocol
     :param sees: what its algorithm learns from; None in old records
+    :param n_together: runs that were done side by side, whose networks were trained as one; 1 is
+        a run by itself, which can be done again to the bit
     """
 
     task: TaskRecord
     seconds: Seconds
     measured: Measurements
     sees: tuple[str, ...] | None = None
+    n_together: int = 1
 
 
 @dataclass(frozen=True)
@@ -303,6 +306,11 @@ class RunRecord:
     def sees(self) -> tuple[str, ...] | None:
         """What the algorithm of a finished run learns from, None where the record is older."""
         return self._result.sees
+
+    @property
+    def n_together(self) -> int:
+        """How many runs a finished run was done side by side with, itself included."""
+        return self._result.n_together
 
     @property
     def reason(self) -> str:

@@ -1,19 +1,19 @@
 """Runs a plan: in parallel processes, one result file per run, resumable."""
 
-import tempfile
-import time
 import traceback
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
-import numpy as np
 import torch as th
-from joblib import delayed
+from joblib import cpu_count, delayed
 
 from results.exceptions import BenchmarkError
 from results.harness.cluster import connected, on_cluster
+from results.harness.counters import RolloutCounters
 from results.harness.environments import RunTask
 from results.harness.memory import return_memory
 from results.harness.plugins import bring_in
@@ -24,6 +24,7 @@ from results.harness.record_files import write_record
 from results.harness.records import ErrorRecord, Provenance, Result, RunRecord, Seconds
 from results.harness.resume import Plan, alone_in, clear, failed_path, finished_path
 from results.harness.specification import RunSpecification
+from sb3_nmp.common.lockstep import clock, together
 
 Backend = Literal["processes", "ray"]
 
@@ -38,58 +39,6 @@ class Outcome:
 
     run: RunSpecification
     record: RunRecord
-
-
-class RolloutCounters:
-    """How many rollouts each run has done, in a file that the worker processes write to.
-
-    Use it as a context manager, which removes the file in the end.
-
-    :param n_runs: how many runs
-    """
-
-    def __init__(self, n_runs: int) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="nmp-bench-")
-        self.path = Path(self._folder.name) / "rollouts"
-        np.zeros(n_runs, np.int64).tofile(self.path)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._folder.cleanup()
-
-    def total(self) -> int:
-        """Return the rollouts of all runs together."""
-        return int(np.fromfile(self.path, np.int64).sum())
-
-    def writer(self, index: int) -> "CounterWriter":
-        """Return what tells this object about one run's rollouts.
-
-        :param index: of the run
-        """
-        return CounterWriter(self.path, index)
-
-
-@dataclass(frozen=True)
-class CounterWriter:
-    """Picklable end of `RolloutCounters`.
-
-    :param path: of the counters' file
-    :param index: of the run
-    """
-
-    path: Path
-    index: int
-
-    def __call__(self, n_rollouts: int) -> None:
-        """Store the run's number of rollouts so far.
-
-        :param n_rollouts: since its start
-        """
-        with self.path.open("r+b") as file:
-            file.seek(8 * self.index)
-            file.write(np.int64(n_rollouts).tobytes())
 
 
 def setting_of(run: RunSpecification) -> RunTask:
@@ -107,7 +56,9 @@ def setting_of(run: RunSpecification) -> RunTask:
     )
 
 
-def execute(run: RunSpecification, on_rollouts: OnRollouts | None = None) -> Result:
+def execute(
+    run: RunSpecification, on_rollouts: OnRollouts | None = None, n_together: int = 1
+) -> Result:
     """Do one run in this process.
 
     The times of the greedy evaluations and of the expert are not counted as training; those of
@@ -115,16 +66,17 @@ def execute(run: RunSpecification, on_rollouts: OnRollouts | None = None) -> Res
 
     :param run: what to run
     :param on_rollouts: told the number of rollouts so far
+    :param n_together: how many runs are done side by side, this one included
     """
     th.set_num_threads(1)
     bring_in(run.imports, run.task)
     algorithm = run.algorithm.load()
     prepared = run.protocol.prepare(setting_of(run), on_rollouts)
     arguments = run.algorithm.arguments(prepared.demonstrations)
-    start = time.perf_counter()
+    start = clock()
     model = algorithm("MlpPolicy", prepared.env, seed=run.seed, **arguments)
     model.learn(run.budget, callback=prepared.evaluation, progress_bar=False)
-    total = time.perf_counter() - start
+    total = clock() - start
     prepared.env.close()
     _check_spent(model, run)
     evaluating = prepared.evaluation.seconds
@@ -133,6 +85,7 @@ def execute(run: RunSpecification, on_rollouts: OnRollouts | None = None) -> Res
         Seconds(total - evaluating, evaluating),
         prepared.evaluation.measured(),
         sees(model),
+        n_together,
     )
 
 
@@ -160,16 +113,21 @@ def sees(model: object) -> tuple[str, ...] | None:
 
 
 def record_of(
-    run: RunSpecification, origin: Provenance, on_rollouts: OnRollouts | None = None
+    run: RunSpecification,
+    origin: Provenance,
+    on_rollouts: OnRollouts | None = None,
+    n_together: int = 1,
 ) -> RunRecord:
     """Do one run; an error is recorded and does not spread.
 
     :param run: what to run
     :param origin: where the runs come from
     :param on_rollouts: told the number of rollouts so far
+    :param n_together: how many runs are done side by side, this one included
     """
     try:
-        return RunRecord(run.record, origin, "finished", execute(run, on_rollouts))
+        result = execute(run, on_rollouts, n_together)
+        return RunRecord(run.record, origin, "finished", result)
     except Exception as error:  # whatever an algorithm raises is this run's result
         return _failed(run, origin, error)
     finally:
@@ -203,6 +161,7 @@ def run_and_write(
     folder: Path,
     origin: Provenance,
     on_rollouts: OnRollouts | None = None,
+    n_together: int = 1,
 ) -> Outcome:
     """Do one run and write its file; an error is written down too and does not spread.
 
@@ -210,11 +169,52 @@ def run_and_write(
     :param folder: of the runs
     :param origin: where the runs come from
     :param on_rollouts: told the number of rollouts so far
+    :param n_together: how many runs are done side by side, this one included
     """
-    outcome = written(run, folder, record_of(run, origin, on_rollouts))
+    outcome = written(run, folder, record_of(run, origin, on_rollouts, n_together))
     if on_rollouts is not None:  # a run that failed or stopped early leaves nothing to wait for
         on_rollouts(run.budget)
     return outcome
+
+
+def run_side_by_side(
+    runs: Sequence[RunSpecification],
+    folder: Path,
+    origin: Provenance,
+    on_rollouts: Sequence[OnRollouts | None],
+) -> list[Outcome]:
+    """Do runs of one algorithm in this process, their networks trained as one; write their files.
+
+    :param runs: what to run
+    :param folder: of the runs
+    :param origin: where the runs come from
+    :param on_rollouts: of each run, told its number of rollouts so far
+    """
+    th.set_num_threads(1)
+    each = [
+        partial(run_and_write, run, folder, origin, told, len(runs))
+        for run, told in zip(runs, on_rollouts, strict=True)
+    ]
+    return together(each) if len(each) > 1 else [each[0]()]
+
+
+def groups(todo: Sequence[RunSpecification], most: int, n_workers: int) -> list[list[int]]:
+    """Return the places of the runs that are done side by side, each in one group.
+
+    They are of one algorithm on one task, and so many groups that every worker has one.
+
+    :param todo: the runs
+    :param most: how many runs a group has
+    :param n_workers: processes
+    """
+    alike: dict[object, list[int]] = defaultdict(list)
+    for index, run in enumerate(todo):
+        alike[run.label, run.task, run.variant, run.budget].append(index)
+    found = []
+    for places in alike.values():
+        size = min(most, -(-len(places) // n_workers))
+        found += [places[first : first + size] for first in range(0, len(places), size)]
+    return sorted(found)
 
 
 def record_on_node(asked: tuple[RunSpecification, Provenance]) -> RunRecord:
@@ -244,6 +244,7 @@ def run_plan(
     n_workers: int | None = None,
     counters: RolloutCounters | None = None,
     backend: Backend = "processes",
+    n_together: int = 1,
 ) -> Iterator[Outcome]:
     """Do the runs of a plan and yield each as soon as it has ended and its file is written.
 
@@ -251,8 +252,16 @@ def run_plan(
     :param n_workers: processes; one per core by default
     :param counters: told how many rollouts each run has done
     :param backend: where: in processes of this machine, or on a Ray cluster
-    :raises BenchmarkError: another process does runs in the folder, or there is no cluster
+    :param n_together: so many runs of one algorithm, at most, are done side by side in one
+        process, where their networks are trained as one (`sb3_nmp.common.lockstep`)
+    :raises BenchmarkError: another process does runs in the folder, there is no cluster, or runs
+        are to be done side by side on one
     """
+    if n_together > 1 and backend != "processes":
+        raise BenchmarkError(
+            f"--together is {n_together}, and --backend '{backend}' does each run by itself: leave "
+            "one of them out."
+        )
     plan.folder.mkdir(parents=True, exist_ok=True)
     with alone_in(plan.folder):
         if backend == "ray":
@@ -262,11 +271,18 @@ def run_plan(
             return
         clear(plan)
         origin = provenance()
+        beside = groups(plan.todo, n_together, n_workers or cpu_count())
         jobs = (
-            delayed(run_and_write)(run, plan.folder, origin, counters and counters.writer(index))
-            for index, run in enumerate(plan.todo)
+            delayed(run_side_by_side)(
+                [plan.todo[index] for index in group],
+                plan.folder,
+                origin,
+                [counters and counters.writer(index) for index in group],
+            )
+            for group in beside
         )
-        yield from in_processes(jobs, len(plan.todo), n_workers)
+        for outcomes in in_processes(jobs, len(beside), n_workers):
+            yield from outcomes
 
 
 def _on_cluster(

@@ -77,6 +77,12 @@ def origins(runs: pd.DataFrame) -> list[str]:
     if len(set(budgets.values())) > 1:
         listed = ", ".join(f"{label} {budget}" for label, budget in budgets.items())
         notes.append(f"Budgets differ: {listed} rollouts.")
+    beside = dict.fromkeys(runs.loc[runs["n_together"] > 1, "label"])
+    if beside:
+        notes.append(
+            f"Runs side by side, whose networks were trained as one (--together): "
+            f"{', '.join(beside)}. They equal runs by themselves up to rounding, not to the bit."
+        )
     finished = runs.loc[runs["outcome"] == "finished"]
     keys = [key for key in ("seed", "target") if key in runs]
     keys += ["variant"] if set(runs["variant"]) != {""} else []

@@ -11,7 +11,7 @@ from results.report.own_answer import information_text, joined_information
 
 OUTCOME_COLUMNS = (
     "task", "variant", "label", "description", "seed", "budget", "outcome", "reason", "commit",
-    "dirty", "training_seconds", "sees",
+    "dirty", "training_seconds", "sees", "n_together",
 )  # fmt: skip
 
 
@@ -28,7 +28,8 @@ def outcome_row(record: RunRecord) -> dict[str, Any]:
     training = math.nan if measured is None else measured
     told = record.sees if record.finished else None
     sees = None if told is None else information_text(told)
-    return row | {"reason": record.reason, "training_seconds": training, "sees": sees}
+    row |= {"reason": record.reason, "training_seconds": training, "sees": sees}
+    return row | {"n_together": record.n_together if record.finished else 1}
 
 
 def curves_frame(records: Sequence[RunRecord]) -> pd.DataFrame:

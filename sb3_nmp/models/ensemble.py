@@ -3,16 +3,22 @@
 Shape letters: E members, N rows, I inputs, K outputs.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Self
 
 import numpy as np
 import torch as th
 from numpy.typing import NDArray
 from torch import nn
 
+from sb3_nmp.common.lockstep import TrainingPhase, train
 from sb3_nmp.common.settings import settings_name
+
+#: of outputs and targets, both (E, rows, K): a mean over members and rows
+Loss = Callable[[th.Tensor, th.Tensor], th.Tensor]
 
 
 @settings_name("ensemble-training")
@@ -102,7 +108,7 @@ class Ensemble(nn.Module):
         n_steps: int,
         training: EnsembleTraining,
         generator: th.Generator,
-        loss: Callable[[th.Tensor, th.Tensor], th.Tensor] | None = None,
+        loss: Loss | None = None,
         shares: NDArray[np.float64] | None = None,
     ) -> None:
         """Regress targets on inputs.
@@ -112,34 +118,101 @@ class Ensemble(nn.Module):
         :param n_steps: of the optimizer
         :param training: rate and batches
         :param generator: draws the batches
-        :param loss: of outputs and targets, both (E, rows, K); None takes that of ``training``
+        :param loss: to be minimised; None takes that of ``training``
         :param shares: with which rows are drawn, shape (N,); None draws all alike
         """
-        measure = training.loss if loss is None else loss
-        self.requires_grad_(True)
-        optimizer = th.optim.AdamW(
-            self.parameters(), training.learning_rate, weight_decay=training.weight_decay
-        )
-        size = min(len(inputs), training.batch_size)
-        for _ in range(n_steps):
-            rows = self._draw(len(inputs), size, shares, generator)
-            error = measure(self(inputs[rows]), targets[rows])
-            optimizer.zero_grad()
-            error.backward()
-            optimizer.step()
-        self.requires_grad_(False)  # what follows are gradients for the inputs
+        train(Regression(self, inputs, targets, n_steps, training, generator, loss, shares))
 
-    def _draw(
-        self,
-        n: int,
-        size: int,
-        shares: NDArray[np.float64] | None,
-        generator: th.Generator,
-    ) -> th.Tensor:
-        """Return the rows of a batch for each member, shape (E, size)."""
-        if shares is None:
-            return th.randint(n, (self.n_members, size), generator=generator)
-        drawn = th.multinomial(
-            th.as_tensor(shares), self.n_members * size, replacement=True, generator=generator
-        )
-        return drawn.view(self.n_members, size)
+    @classmethod
+    def joined(cls, ensembles: Sequence[Self]) -> Self:
+        """Return the members of all ensembles as one; it shares nothing with them.
+
+        :param ensembles: of equal sizes
+        """
+        joined = deepcopy(ensembles[0])
+        for parameter, *each in zip(*(e.parameters() for e in (joined, *ensembles)), strict=True):
+            parameter.data = th.cat([one.detach() for one in each])
+        return joined
+
+    @th.no_grad()
+    def take(self, joined: Self, first: int) -> None:
+        """Take parameters from an ensemble that these members were joined to.
+
+        :param joined: the larger ensemble
+        :param first: the place of the first of these members in it
+        """
+        for own, larger in zip(self.parameters(), joined.parameters(), strict=True):
+            own.copy_(larger[first : first + self.n_members])
+
+
+@dataclass(frozen=True, eq=False)
+class Regression(TrainingPhase):
+    """What `Ensemble.fit` does, with its parameters."""
+
+    ensemble: Ensemble
+    inputs: th.Tensor
+    targets: th.Tensor
+    n_steps: int
+    training: EnsembleTraining
+    generator: th.Generator
+    loss: Loss | None
+    shares: NDArray[np.float64] | None
+
+    @property
+    def kind(self) -> Hashable:
+        """Sizes, number of steps, batches and loss."""
+        shapes = tuple(parameter.shape for parameter in self.ensemble.parameters())
+        return shapes, self.n_steps, self.training, self._size, self.loss
+
+    @property
+    def _size(self) -> int:
+        """Rows of a batch."""
+        return min(len(self.inputs), self.training.batch_size)
+
+    def alone(self) -> None:
+        """Train the ensemble."""
+        _minimise(self.ensemble, [self])
+
+    @classmethod
+    def as_one(cls, phases: Sequence[Self]) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Train all members as those of one ensemble.
+
+        :param phases: of one kind
+        """
+        joined, first = Ensemble.joined([phase.ensemble for phase in phases]), 0
+        _minimise(joined, phases)
+        for phase in phases:
+            phase.ensemble.take(joined, first)
+            phase.ensemble.requires_grad_(False)
+            first += phase.ensemble.n_members
+
+    def draw(self) -> tuple[th.Tensor, th.Tensor]:
+        """Draw a batch for each member: inputs (E, rows, I) and targets (E, rows, K)."""
+        n, shape = len(self.inputs), (self.ensemble.n_members, self._size)
+        if self.shares is None:
+            rows = th.randint(n, shape, generator=self.generator)
+        else:
+            shares = th.as_tensor(self.shares)
+            drawn = th.multinomial(
+                shares, shape[0] * shape[1], replacement=True, generator=self.generator
+            )
+            rows = drawn.view(shape)
+        return self.inputs[rows], self.targets[rows]
+
+
+def _minimise(ensemble: Ensemble, phases: Sequence[Regression]) -> None:
+    """Train an ensemble whose members are those of all phases, in their order."""
+    training, n = phases[0].training, len(phases)
+    measure = training.loss if phases[0].loss is None else phases[0].loss
+    ensemble.requires_grad_(True)
+    optimizer = th.optim.AdamW(
+        ensemble.parameters(), training.learning_rate, weight_decay=training.weight_decay
+    )
+    for _ in range(phases[0].n_steps):
+        batches = [phase.draw() for phase in phases]
+        inputs, targets = batches[0] if n == 1 else map(th.cat, zip(*batches, strict=True))
+        error = measure(ensemble(inputs), targets)
+        optimizer.zero_grad()
+        (error if n == 1 else n * error).backward()  # a mean over fewer is larger
+        optimizer.step()
+    ensemble.requires_grad_(False)  # what follows are gradients for the inputs

@@ -100,16 +100,25 @@ class NeuralProcess(nn.Module):
             nn.init.zeros_(self.prior.weight)
             nn.init.zeros_(self.prior.bias)
 
-    def encode(self, times: th.Tensor, values: th.Tensor, condition: th.Tensor) -> Posterior:
+    def encode(
+        self,
+        times: th.Tensor,
+        values: th.Tensor,
+        condition: th.Tensor,
+        shares: th.Tensor | None = None,
+    ) -> Posterior:
         """Return q(k, z | conditioning points, condition).
 
         :param times: of the conditioning points, shape (B, O)
         :param values: at those times, shape (B, O, D)
         :param condition: shape (B, C)
+        :param shares: of the points in the mean of their representations, shape (O,), of sum 1;
+            None takes all alike
         """
         repeated = condition[:, None].expand(-1, times.shape[1], -1)
         points = th.cat([self.features(times), values, repeated], dim=-1)
-        told = self.encoder(points).mean(dim=1)
+        each = self.encoder(points)
+        told = each.mean(dim=1) if shares is None else (shares[:, None] * each).sum(dim=1)
         n_latent = 2 * self.n_categories * self.latent_dim
         shape = (self.n_categories, 2 * self.latent_dim)
         mean, raw = told[:, :n_latent].unflatten(1, shape).chunk(2, dim=-1)

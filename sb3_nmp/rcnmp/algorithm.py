@@ -11,6 +11,7 @@ from stable_baselines3.common.type_aliases import GymEnv, Schedule
 
 from sb3_nmp.common.buffer import RewardScaling, scale_rewards, selection_weights
 from sb3_nmp.common.contextual import TUNABLE_OVER_CONTEXTS
+from sb3_nmp.common.lockstep import train
 from sb3_nmp.common.niches import View
 from sb3_nmp.common.operators import blend
 from sb3_nmp.common.population import PopulationArguments, PopulationSearch
@@ -19,7 +20,7 @@ from sb3_nmp.common.settings import Rules
 from sb3_nmp.common.tuning import Choice, Range, SearchSpace
 from sb3_nmp.rcnmp.policy import RCNMPPolicy
 from sb3_nmp.rcnmp.reward_model import RCNMPRewardModel, judge
-from sb3_nmp.rcnmp.training import Elbo, RCNMPTraining, batches, elbo
+from sb3_nmp.rcnmp.training import ElboPhase, RCNMPTraining, batches
 
 
 @dataclass(frozen=True)
@@ -208,14 +209,15 @@ class RCNMP(PopulationSearch):
         codes[others] = codes[self.rng.choice(own, len(others))]
         return codes.reshape(latents.shape), True
 
-    def _parent(self, latents: NDArray[np.float32], rows: NDArray[np.int_]) -> NDArray[np.float64]:
+    def _parent(self, latents: NDArray[np.float32], rows: NDArray[np.int_]) -> NDArray[np.float32]:
         """Return parents: stored rollouts, or what latents decode to, shape (N, T, D).
 
         :param latents: shape (N, code_dim)
         :param rows: of the stored ones, -1 for the others, shape (N,)
         """
-        stored = self.replay_buffer.trajectories[rows]
-        return np.where((rows >= 0)[:, None, None], stored, self._decode(latents))
+        parents, decoded = self.replay_buffer.trajectories[rows], rows < 0
+        parents[decoded] = self._decode(latents[decoded])
+        return parents
 
     def _decode(self, latents: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return what latents (N, code_dim) decode to at the best reward, shape (N, T, D)."""
@@ -252,8 +254,7 @@ class RCNMP(PopulationSearch):
         contexts = th.as_tensor(buffer.contexts, device=self.device)
         rewards = th.as_tensor(shown, dtype=th.float32, device=self.device)
         policy.train()
-        bound: Elbo | None = None
-        for batch in batches(
+        drawn = batches(
             self.training,
             policy.times,
             policy.normalise(buffer.trajectories),
@@ -261,12 +262,11 @@ class RCNMP(PopulationSearch):
             self._shares(),
             policy.latent_dim,
             self.rng,
-        ):
-            bound = elbo(policy.network, batch, self.beta)
-            policy.optimizer.zero_grad()
-            bound.loss.backward()
-            policy.optimizer.step()
+        )
+        phase = ElboPhase(policy.network, policy.optimizer, self.training, drawn, self.beta)
+        train(phase)
         policy.train(False)
+        bound = phase.bound
         if bound is not None:
             self.logger.record("train/loss", bound.loss.item())
             self.logger.record("train/log_likelihood", bound.log_likelihood.item())

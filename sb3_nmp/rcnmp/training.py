@@ -4,17 +4,23 @@ Shape letters: S training steps, B batch, O conditioning points, P target points
 the trajectory, C size of the condition, K categories, Z latent.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Hashable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 import torch as th
 from numpy.typing import NDArray
+from torch import nn
 from torch.distributions import Normal, kl_divergence
+from torch.func import functional_call, vmap
+from torch.optim import Optimizer
 
 from sb3_nmp.common.exceptions import ConfigurationError
+from sb3_nmp.common.lockstep import TrainingPhase
 from sb3_nmp.common.settings import settings_name
 from sb3_nmp.models.neural_process import NeuralProcess
+from sb3_nmp.models.stacking import Stack, shapes_of, stage_of
 
 
 @settings_name("rcnmp-training")
@@ -54,6 +60,7 @@ class Batch:
     :param target_values: shape (B, P, D)
     :param condition: task parameters and reward, shape (B, C)
     :param noise: standard normal, for the reparametrisation, shape (B, Z)
+    :param shares: of the conditioning points in their mean, shape (O,); None: all alike
     """
 
     observed_times: th.Tensor
@@ -62,6 +69,21 @@ class Batch:
     target_values: th.Tensor
     condition: th.Tensor
     noise: th.Tensor
+    shares: th.Tensor | None = None
+
+    def padded(self, n: int) -> "Batch":
+        """Return the same with n conditioning points, of which those that are new have no share.
+
+        :param n: at least as many as there are
+        """
+        n_more = n - self.observed_times.shape[1]
+        shares = self.noise.new_full((n - n_more,), 1 / (n - n_more))
+        return replace(
+            self,
+            observed_times=nn.functional.pad(self.observed_times, (0, n_more)),
+            observed_values=nn.functional.pad(self.observed_values, (0, 0, 0, n_more)),
+            shares=nn.functional.pad(shares, (0, n_more)),
+        )
 
 
 @dataclass(frozen=True)
@@ -98,7 +120,9 @@ def elbo(network: NeuralProcess, batch: Batch, beta: float, balance: float = 10.
     :param balance: weight of KL(q(k) || uniform); measured in results/experiments/sampling.md
     """
     k = network.n_categories
-    posterior = network.encode(batch.observed_times, batch.observed_values, batch.condition)
+    posterior = network.encode(
+        batch.observed_times, batch.observed_values, batch.condition, batch.shares
+    )
     latent = posterior.latent.mean + posterior.latent.stddev * batch.noise[:, None]
     category = th.arange(k, device=latent.device).expand(len(latent), k)
     predicted = network.decode(
@@ -158,3 +182,82 @@ def batches(
             condition=condition[row],
             noise=noise[step],
         )
+
+
+@dataclass(eq=False)
+class ElboPhase(TrainingPhase):
+    """The training of a network after a generation.
+
+    :param network: the neural process
+    :param optimizer: of its parameters
+    :param settings: sizes and number of the batches
+    :param batches: of `batches`
+    :param beta: weight of the KL divergence of z
+    :param bound: Eq. 6.2 of the last batch, once the phase is done
+    """
+
+    network: NeuralProcess
+    optimizer: Optimizer
+    settings: RCNMPTraining
+    batches: Iterable[Batch]
+    beta: float
+    bound: Elbo | None = field(default=None, init=False)
+
+    @property
+    def kind(self) -> Hashable:
+        """Shapes, settings, and steps that the optimizer has done."""
+        network = shapes_of(self.network), self.network.decoder_std
+        return network, stage_of(self.optimizer), self.settings, self.beta
+
+    def alone(self) -> None:
+        """Train the network."""
+        for batch in self.batches:
+            self.bound = elbo(self.network, batch, self.beta)
+            self.optimizer.zero_grad()
+            self.bound.loss.backward()
+            self.optimizer.step()
+
+    @classmethod
+    def as_one(cls, phases: Sequence[Self]) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Train all networks as one.
+
+        :param phases: of one kind
+        """
+        n_points = phases[0].settings.max_conditioning_points
+        stack = Stack([phase.network for phase in phases], [phase.optimizer for phase in phases])
+        bound = _Elbo(phases[0].network, phases[0].beta)
+        bounds = vmap(lambda parameters, *batch: functional_call(bound, parameters, batch))
+        parameters = {f"network.{name}": each for name, each in stack.parameters.items()}
+        found: tuple[th.Tensor, ...] = ()
+        for drawn in zip(*(phase.batches for phase in phases), strict=True):
+            rows = zip(*(_tensors(batch.padded(n_points)) for batch in drawn), strict=True)
+            found = bounds(parameters, *map(th.stack, rows))
+            stack.optimizer.zero_grad()
+            found[0].sum().backward()
+            stack.optimizer.step()
+        stack.give_back()
+        for phase, *terms in zip(phases, *found, strict=True):
+            phase.bound = Elbo(*terms)
+
+
+class _Elbo(nn.Module):
+    """Eq. 6.2 as a function of the tensors of a batch, for `functional_call`.
+
+    :param network: the neural process
+    :param beta: weight of the KL divergence of z
+    """
+
+    def __init__(self, network: NeuralProcess, beta: float) -> None:
+        super().__init__()
+        self.network, self.beta = network, beta
+
+    def forward(self, *batch: th.Tensor) -> tuple[th.Tensor, ...]:
+        """Return the terms of `Elbo`.
+
+        :param batch: the tensors of a `Batch`
+        """
+        return _tensors(elbo(self.network, Batch(*batch), self.beta))
+
+
+def _tensors(of: Batch | Elbo) -> tuple[th.Tensor, ...]:
+    return tuple(vars(of).values())
