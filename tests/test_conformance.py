@@ -185,6 +185,24 @@ def test_a_seed_repeats_environments_as_well(algorithm: Algorithm) -> None:
     assert_same_rollouts(first, second)
 
 
+@EVERY
+def test_a_loaded_model_follows_the_seed_that_it_is_given(
+    algorithm: Algorithm, tmp_path: Path
+) -> None:
+    """Another seed is another search; without one it goes on, whether or not its file has one."""
+    build(algorithm, seed=0).save(tmp_path / "model")
+    build(algorithm, seed=0).save(tmp_path / "seedless", exclude=["seed"])
+
+    def searched(name: str, **seed: int) -> np.ndarray:
+        model: Any = algorithm.load(tmp_path / name, env=vec_env(1, n_threads=1), **seed)
+        return run(model, 2 * POPULATION).trajectories
+
+    kept, other = searched("model"), searched("model", seed=3)
+    np.testing.assert_array_equal(kept, searched("seedless"))
+    np.testing.assert_array_equal(other, searched("seedless", seed=3))
+    assert not np.array_equal(kept, other)
+
+
 # -- callbacks -------------------------------------------------------------------------------------
 
 

@@ -3,7 +3,8 @@
 Run it alone on an idle machine: ``python -m results.experiments.speed``. It prints a Markdown
 table: the batched executor against a Python loop over the same model, RC-NMP's training against the
 original code's batches of one trajectory with one target point, all tasks on 1 and 2 threads, and
-the critic of ACNMP and its twins in searches of few and of many rollouts.
+the critic of ACNMP and its twins in searches of few and of many rollouts, and RC-NMP's runs side by
+side against runs one by one.
 """
 
 import time
@@ -21,11 +22,13 @@ from benchmark_envs.tasks.bottles import BottlesTask
 from sb3_nmp import RCNMP, RCNMPTraining, SmoothNoise
 from sb3_nmp.bayesian.search import CriticSearch, Subspace
 from sb3_nmp.bayesian.shaped_noise import noise_directions
+from sb3_nmp.common.lockstep import together
 from sb3_nmp.common.rollouts import Generation
 
 N_ROLLOUTS = 128
 N_DEMONSTRATED = 32  # rollouts of each task
 REPEATS = 5
+N_TOGETHER, LENGTH = 25, 200  # runs side by side, and rollouts of each
 
 
 def rate(amount: int, work: Callable[[], object]) -> float:
@@ -141,11 +144,36 @@ def critic_rows() -> list[tuple[str, float, str]]:
     return rows
 
 
+def side_by_side_rows() -> list[tuple[str, float, str]]:
+    """Time runs of RC-NMP one by one and side by side: name, rate and unit of each."""
+
+    def run(seed: int) -> None:
+        RCNMP("MlpPolicy", "nmp/Bottles-v0", seed=seed).learn(LENGTH)
+
+    runs = [partial(run, seed) for seed in range(N_TOGETHER)]
+    rows = []
+    for name, work in (
+        ("RC-NMP, runs one by one", lambda: [each() for each in runs]),
+        (f"RC-NMP, {N_TOGETHER} runs side by side", lambda: together(runs)),
+    ):
+        begin = time.perf_counter()
+        work()
+        speed = N_TOGETHER * LENGTH / (time.perf_counter() - begin)
+        rows.append((name, speed, "rollouts/s of learning"))
+    return rows
+
+
 def main() -> None:
     """Print the table."""
     th.set_num_threads(1)
     print("| what | rate | unit | ratio |\n|---|---|---|---|")
-    for rows in (simulator_rows(), training_rows(), critic_rows(), task_rows()):
+    for rows in (
+        simulator_rows(),
+        training_rows(),
+        critic_rows(),
+        side_by_side_rows(),
+        task_rows(),
+    ):
         first: dict[str, float] = {}
         for name, value, unit in rows:
             base = first.setdefault(unit, value)
