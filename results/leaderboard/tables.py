@@ -32,7 +32,8 @@ NOTES = (
     "contexts in the end. sees: R reward, S success, T the reward's terms, P step rewards, A "
     "achieved contexts, D demonstrations.",
     "trials: settings that a study tried, as many for each algorithm, on other seeds and contexts "
-    "(nmp-bench tune); a dash where the settings are the suite's.",
+    "(nmp-bench tune; bottles that are not drawn at random have but one context); a dash where the "
+    "settings are the suite's.",
     "'nmp-bench leaderboard verify' simulates the trajectories that earned the rows, over many "
     "contexts those of the first 25; 'check' does runs again.",
 )
@@ -93,10 +94,23 @@ def origins(rows: Sequence[Row]) -> list[str]:
 
     :param rows: of all boards
     """
-    told = {row.label: row.description for row in rows if row.description}
-    described = "; ".join(f"{label}: {text}" for label, text in told.items())
+    boards = sorted({row.board for row in rows}, key=[*BOARDS].index)
+    described = [_described(board, [r for r in rows if r.board == board]) for board in boards]
     made = dict.fromkeys(_origin(row.provenance) for row in rows)
-    return [f"{described}.", *(f"Made with {origin}." for origin in made)]
+    return [*described, *(f"Made with {origin}." for origin in made)]
+
+
+def _described(board: str, rows: Sequence[Row]) -> str:
+    """Say what a board's algorithms are, in its order; what tuned ones are is said once."""
+    told = {row.label: row.description for row in rows if row.description}
+    known = tuple(f"{text}; " for text in told.values())
+    order = {label: place for place, label in enumerate(BOARDS[board].labels)}
+    listed = [
+        f"{label}: {told[label]}"
+        for label in sorted(told, key=lambda label: order.get(label, len(order)))
+        if not told[label].startswith(known)
+    ]
+    return f"{board}. {'; '.join(listed)}."
 
 
 def _origin(provenance: Provenance) -> str:
