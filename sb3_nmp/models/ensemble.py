@@ -206,7 +206,10 @@ def _minimise(ensemble: Ensemble, phases: Sequence[Regression]) -> None:
     measure = training.loss if phases[0].loss is None else phases[0].loss
     ensemble.requires_grad_(True)
     optimizer = th.optim.AdamW(
-        ensemble.parameters(), training.learning_rate, weight_decay=training.weight_decay
+        ensemble.parameters(),
+        training.learning_rate,
+        weight_decay=training.weight_decay,
+        fused=n > 1,  # rounds otherwise, so that what one learns alone would change
     )
     for _ in range(phases[0].n_steps):
         batches = [phase.draw() for phase in phases]
