@@ -80,8 +80,8 @@ def origins(runs: pd.DataFrame) -> list[str]:
     beside = dict.fromkeys(runs.loc[runs["n_together"] > 1, "label"])
     if beside:
         notes.append(
-            f"Runs side by side, whose networks were trained as one (--together): "
-            f"{', '.join(beside)}. They equal runs by themselves up to rounding, not to the bit."
+            f"Runs side by side (--together): {', '.join(beside)}. Networks are trained as one "
+            "there, and equal those of runs by themselves up to rounding, not to the bit."
         )
     finished = runs.loc[runs["outcome"] == "finished"]
     keys = [key for key in ("seed", "target") if key in runs]
