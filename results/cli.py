@@ -130,8 +130,8 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=1,
         metavar="N",
-        help="runs of an algorithm side by side in a process, their networks trained as one: "
-        "faster, and equal to single runs up to rounding (default: %(default)s)",
+        help="up to so many runs of an algorithm side by side in a process, networks trained as "
+        "one: RC-NMP is faster; all of a group end last (default: %(default)s)",
     )
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="folder of the runs (default: results/runs/SUITE)"

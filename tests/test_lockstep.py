@@ -1,21 +1,25 @@
 """Runs side by side: they meet where they train, and learn what they learn alone."""
 
+import random
+import signal
+import threading
+import time
 from collections.abc import Callable, Hashable, Sequence
-from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import torch as th
+from stable_baselines3.common.utils import set_random_seed
 from torch import nn
 
 import benchmark_envs  # noqa: F401 (registers the tasks)
 from sb3_nmp import RCNMP, RCNMPTraining
 from sb3_nmp.common import lockstep
 from sb3_nmp.common.lockstep import TrainingPhase, clock, together, train
-from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining
+from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining, Regression
 from sb3_nmp.models.neural_process import NeuralProcess
 from sb3_nmp.models.stacking import stage_of
 from sb3_nmp.rcnmp.reward_model import success_and_score
@@ -100,11 +104,69 @@ def test_each_of_a_phase_that_fails_is_told():
     def task() -> None:
         try:
             train(Noted("?", "x", []))
-        except ArithmeticError as error:
-            told.append(str(error))
+        except RuntimeError as error:
+            told.append(f"{error} {type(error.__cause__).__name__}")
 
     together([task, task])
-    assert told == ["?+?", "?+?"]
+    assert len(told) == 2 and all("training of 2 runs as one failed" in each for each in told)
+    assert all(each.endswith("ArithmeticError") for each in told)
+
+
+def test_a_phase_whose_kind_cannot_be_told_fails_its_task_alone():
+    class Unkind(Noted):
+        @property
+        def kind(self) -> Hashable:
+            raise KeyError("step")
+
+    notes: list[str] = []
+    with pytest.raises(KeyError, match="step"):
+        together([visits("a", "xx", notes), lambda: str(train(Unkind("b", "x", notes)))])
+    assert notes[-1] == "a"
+
+
+@pytest.mark.parametrize("where", ["while one moves", "while they wait"])
+def test_who_is_interrupted_leaves_no_task_behind(where: str):
+    """Ctrl-C reaches the thread that called `together`, wherever the tasks are."""
+    ended: list[str] = []
+
+    def interrupts() -> None:
+        raise KeyboardInterrupt
+
+    def task() -> None:
+        try:
+            train(Noted("a", "x", [], takes=interrupts if where == "while they wait" else bool))
+            train(Noted("a", "y", []))
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+            while True:
+                time.sleep(0.001)
+        finally:
+            ended.append("ended")
+
+    before = threading.active_count()
+    with pytest.raises(KeyboardInterrupt):
+        together([task, task])
+    assert ended == ["ended", "ended"]
+    assert threading.active_count() == before
+
+
+def test_each_task_keeps_the_global_generators_to_itself():
+    def task(seed: int) -> list[float]:
+        set_random_seed(seed)
+        found = []
+        for _ in range(2):
+            train(Noted("a", "x", []))
+            found += [float(th.rand(1)), float(np.random.rand()), random.random()]
+        return found
+
+    tasks = [lambda seed=seed: task(seed) for seed in range(2)]
+    assert together(tasks) == [each() for each in tasks]
+
+
+def test_a_task_trains_whatever_mode_the_caller_is_in():
+    fits = ensemble_fits(split=False)
+    with th.no_grad():
+        beside = together(fits)
+    assert th.allclose(beside[0].linear, fits[0]().linear, atol=1e-5)
 
 
 def test_time_spent_on_others_is_not_counted(monkeypatch: pytest.MonkeyPatch):
@@ -127,6 +189,20 @@ def test_time_spent_on_others_is_not_counted(monkeypatch: pytest.MonkeyPatch):
     assert took == [3.0, 3.0]
 
 
+class Counted:
+    """Notes how many phases of a class are done as one."""
+
+    def __init__(self, phase: type[TrainingPhase], monkeypatch: pytest.MonkeyPatch) -> None:
+        self.sizes: list[int] = []
+        as_one: Any = phase.as_one
+
+        def counted(phases: Sequence[TrainingPhase]) -> None:
+            self.sizes.append(len(phases))
+            as_one(phases)
+
+        monkeypatch.setattr(phase, "as_one", staticmethod(counted))
+
+
 def ensemble_fits(split: bool) -> list[Callable[[], Ensemble]]:
     """Return fits of three ensembles to data of their own, of different lengths."""
 
@@ -145,9 +221,11 @@ def ensemble_fits(split: bool) -> list[Callable[[], Ensemble]]:
 
 
 @pytest.mark.parametrize("split", [False, True])
-def test_ensembles_learn_as_one_what_they_learn_alone(split: bool):
+def test_ensembles_learn_as_one_what_they_learn_alone(split: bool, monkeypatch: pytest.MonkeyPatch):
     fits = ensemble_fits(split)
+    joint = Counted(Regression, monkeypatch)
     alone, beside = [fit() for fit in fits], together(fits)
+    assert joint.sizes == [3]
     for one, other in zip(alone, beside, strict=True):
         for mine, theirs in zip(one.parameters(), other.parameters(), strict=True):
             assert th.allclose(mine, theirs, atol=1e-5)
@@ -206,13 +284,39 @@ def test_neural_processes_learn_as_one_what_they_learn_alone(n_categories: int):
 def test_what_differs_is_not_trained_as_one():
     (network, adam), (other, _), _ = networks(1)
     faster = th.optim.Adam(other.parameters(), 2e-2, fused=True)
-    assert phase_of(0, network, adam).kind != phase_of(0, other, faster).kind
+    decayed = th.optim.AdamW(other.parameters(), 1e-2, fused=True)
     wider = NeuralProcess(2, 1, 3, [9], [8], 2, 0.1, nn.Tanh)
     adam_too = th.optim.Adam(wider.parameters(), 1e-2, fused=True)
-    assert phase_of(0, network, adam).kind != phase_of(0, wider, adam_too).kind
-    ahead = deepcopy(network), th.optim.Adam(network.parameters(), 1e-2, fused=True)
-    phase_of(0, network, ahead[1]).alone()
-    assert stage_of(ahead[1]) != stage_of(adam)
+    phase = phase_of(0, network, adam)
+    others = [
+        phase_of(0, other, faster),
+        phase_of(0, other, decayed),
+        phase_of(0, wider, adam_too),
+        replace(phase, beta=0.4),
+        replace(phase, settings=RCNMPTraining(n_steps=13)),
+    ]
+    assert replace(phase).kind == phase.kind
+    assert all(each.kind != phase.kind for each in others)
+    before = phase.kind
+    phase.alone()
+    assert phase.kind != before  # Adam corrects by the number of its steps
+
+
+def test_ensembles_that_differ_are_not_trained_as_one():
+    ensemble = Ensemble([3, 8, 2], 2, th.Generator())
+    inputs, targets = th.zeros(9, 3), th.zeros(9, 2)
+    fit = Regression(
+        ensemble, inputs, targets, 5, EnsembleTraining(), th.Generator(), None, shares=None
+    )
+    assert replace(fit, inputs=inputs + 1.0).kind == fit.kind
+    for changed in (
+        {"ensemble": Ensemble([3, 9, 2], 2, th.Generator())},
+        {"inputs": inputs[:8]},  # a smaller batch
+        {"n_steps": 6},
+        {"training": EnsembleTraining(huber=1.0)},
+        {"loss": success_and_score},
+    ):
+        assert replace(fit, **changed).kind != fit.kind, changed
 
 
 def test_an_optimizer_that_mixes_numbers_is_like_none_but_itself():
@@ -230,10 +334,15 @@ def learned(seed: int, **settings: Any) -> Callable[[], RCNMP]:
 
 
 @pytest.mark.parametrize("settings", [{}, {"n_modes": 2}], ids=["one way", "two ways"])
-def test_rcnmp_learns_side_by_side_what_it_learns_alone(settings: dict[str, Any]):
+def test_rcnmp_learns_side_by_side_what_it_learns_alone(
+    settings: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+):
     """The second generation is proposed by the network and judged by the ensemble."""
     tasks = [learned(seed, **settings) for seed in range(3)]
+    network, ensemble = Counted(ElboPhase, monkeypatch), Counted(Regression, monkeypatch)
     alone, beside = [task() for task in tasks], together(tasks)
+    assert network.sizes[0] == 3 and sum(network.sizes) > 3  # two ways ask for more ensembles
+    assert sum(ensemble.sizes) > 1
     for one, other in zip(alone, beside, strict=True):
         mine, theirs = one.replay_buffer, other.replay_buffer
         first = slice(0, one.population_size)

@@ -1,17 +1,21 @@
 """`nmp-bench run --together`: runs of one algorithm side by side in a process."""
 
+import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from results.cli import main
+from results.exceptions import BenchmarkError
 from results.harness.progress import run_with_progress
 from results.harness.record_files import read_records
 from results.harness.records import RunRecord
 from results.harness.resume import plan_runs
 from results.harness.runner import groups
 from results.harness.specification import Algorithm, RunSpecification
+from results.leaderboard.rows import claim_of
 from results.one_context.protocol import OneContext
 from results.one_context.summary import frame
 from results.report.footnotes import origins
@@ -57,9 +61,25 @@ def test_runs_side_by_side_are_the_runs_by_themselves(
 
 
 def test_a_record_and_a_table_tell_of_it(beside: list[RunRecord]):
-    assert all(0 < (record.seconds.training or 0) < 60 for record in beside)
-    told = [note for note in origins(frame(beside)) if "side by side" in note]
-    assert len(told) == 1 and "RC-NMP" in told[0] and "not to the bit" in told[0]
+    told = [note for note in origins(frame(beside)) if "--together" in note]
+    assert len(told) == 1 and "RC-NMP" in told[0] and "rounding" in told[0].lower()
+    with pytest.raises(BenchmarkError, match="2 other runs"):
+        claim_of(beside[0])
+
+
+def test_the_seconds_of_runs_side_by_side_are_those_that_passed(tmp_path: Path):
+    begin = time.perf_counter()
+    records = done(tmp_path, *(run_of(seed) for seed in range(3)), n_together=3)
+    passed = time.perf_counter() - begin
+    took = [(each.seconds.training or 0) + each.seconds.evaluation for each in records]
+    assert 0.5 * passed < sum(took) < passed
+
+
+def test_runs_that_train_nothing_are_runs_by_themselves(tmp_path: Path):
+    runs = [run_of(seed, "GA", "baselines:GA") for seed in range(2)]
+    records = done(tmp_path, *runs, n_together=2)
+    assert [record.n_together for record in records] == [1, 1]
+    assert not any("--together" in note for note in origins(frame(records)))
 
 
 def test_a_run_that_fails_leaves_its_neighbours_alone(tmp_path: Path):
@@ -75,6 +95,11 @@ def test_every_worker_has_a_group_and_groups_are_of_one_algorithm():
     assert groups(todo, 25, 1) == [[0, 2, 4], [1, 3]]
     assert groups(todo, 25, 2) == [[0, 2], [1], [3], [4]]
     assert groups(todo, 2, 1) == [[0, 2], [1, 3], [4]]
+    fifty = [run_of(seed) for seed in range(50)]
+    sizes = [len(group) for group in groups(fifty, 24, 2)]
+    assert sizes == [13, 13, 12, 12]
+    for change in ({"task": "nmp/Push-v0"}, {"variant": "other"}, {"budget": 7}):
+        assert groups([run_of(0), replace(run_of(1), **change)], 25, 1) == [[0], [1]]
 
 
 @pytest.mark.parametrize(

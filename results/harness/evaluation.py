@@ -1,6 +1,5 @@
 """`Evaluation`: the callback that writes a run's curve while it learns."""
 
-import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.callbacks import BaseCallback
 
 from results.harness.records import Measurements
+from sb3_nmp.common.lockstep import clock
 from sb3_nmp.common.policies import TrajectoryPolicy
 
 
@@ -44,6 +44,6 @@ class Evaluation(BaseCallback):
     @contextmanager
     def stopwatch(self) -> Iterator[None]:
         """Count the time inside as ``seconds`` of evaluation."""
-        start = time.perf_counter()
+        start = clock()
         yield
-        self.seconds += time.perf_counter() - start
+        self.seconds += clock() - start

@@ -243,8 +243,8 @@ class Result:
     :param seconds: that it took
     :param measured: by its protocol
     :param sees: what its algorithm learns from; None in old records
-    :param n_together: runs that were done side by side, whose networks were trained as one; 1 is
-        a run by itself, which can be done again to the bit
+    :param n_together: the most runs whose networks were trained as one, this one included; 1 is a
+        run that can be done again to the bit
     """
 
     task: TaskRecord
@@ -309,7 +309,7 @@ class RunRecord:
 
     @property
     def n_together(self) -> int:
-        """How many runs a finished run was done side by side with, itself included."""
+        """The most runs that a finished run was trained with as one, itself included."""
         return self._result.n_together
 
     @property

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import torch as th
 from joblib import cpu_count, delayed
 
@@ -24,7 +25,7 @@ from results.harness.record_files import write_record
 from results.harness.records import ErrorRecord, Provenance, Result, RunRecord, Seconds
 from results.harness.resume import Plan, alone_in, clear, failed_path, finished_path
 from results.harness.specification import RunSpecification
-from sb3_nmp.common.lockstep import clock, together
+from sb3_nmp.common.lockstep import clock, n_met, together
 
 Backend = Literal["processes", "ray"]
 
@@ -56,9 +57,7 @@ def setting_of(run: RunSpecification) -> RunTask:
     )
 
 
-def execute(
-    run: RunSpecification, on_rollouts: OnRollouts | None = None, n_together: int = 1
-) -> Result:
+def execute(run: RunSpecification, on_rollouts: OnRollouts | None = None) -> Result:
     """Do one run in this process.
 
     The times of the greedy evaluations and of the expert are not counted as training; those of
@@ -66,7 +65,6 @@ def execute(
 
     :param run: what to run
     :param on_rollouts: told the number of rollouts so far
-    :param n_together: how many runs are done side by side, this one included
     """
     th.set_num_threads(1)
     bring_in(run.imports, run.task)
@@ -85,7 +83,7 @@ def execute(
         Seconds(total - evaluating, evaluating),
         prepared.evaluation.measured(),
         sees(model),
-        n_together,
+        n_met(),
     )
 
 
@@ -113,21 +111,16 @@ def sees(model: object) -> tuple[str, ...] | None:
 
 
 def record_of(
-    run: RunSpecification,
-    origin: Provenance,
-    on_rollouts: OnRollouts | None = None,
-    n_together: int = 1,
+    run: RunSpecification, origin: Provenance, on_rollouts: OnRollouts | None = None
 ) -> RunRecord:
     """Do one run; an error is recorded and does not spread.
 
     :param run: what to run
     :param origin: where the runs come from
     :param on_rollouts: told the number of rollouts so far
-    :param n_together: how many runs are done side by side, this one included
     """
     try:
-        result = execute(run, on_rollouts, n_together)
-        return RunRecord(run.record, origin, "finished", result)
+        return RunRecord(run.record, origin, "finished", execute(run, on_rollouts))
     except Exception as error:  # whatever an algorithm raises is this run's result
         return _failed(run, origin, error)
     finally:
@@ -161,7 +154,6 @@ def run_and_write(
     folder: Path,
     origin: Provenance,
     on_rollouts: OnRollouts | None = None,
-    n_together: int = 1,
 ) -> Outcome:
     """Do one run and write its file; an error is written down too and does not spread.
 
@@ -169,9 +161,8 @@ def run_and_write(
     :param folder: of the runs
     :param origin: where the runs come from
     :param on_rollouts: told the number of rollouts so far
-    :param n_together: how many runs are done side by side, this one included
     """
-    outcome = written(run, folder, record_of(run, origin, on_rollouts, n_together))
+    outcome = written(run, folder, record_of(run, origin, on_rollouts))
     if on_rollouts is not None:  # a run that failed or stopped early leaves nothing to wait for
         on_rollouts(run.budget)
     return outcome
@@ -192,7 +183,7 @@ def run_side_by_side(
     """
     th.set_num_threads(1)
     each = [
-        partial(run_and_write, run, folder, origin, told, len(runs))
+        partial(run_and_write, run, folder, origin, told)
         for run, told in zip(runs, on_rollouts, strict=True)
     ]
     return together(each) if len(each) > 1 else [each[0]()]
@@ -201,10 +192,11 @@ def run_side_by_side(
 def groups(todo: Sequence[RunSpecification], most: int, n_workers: int) -> list[list[int]]:
     """Return the places of the runs that are done side by side, each in one group.
 
-    They are of one algorithm on one task, and so many groups that every worker has one.
+    They are of one algorithm on one task. There are as many groups as keep all workers busy, as
+    equal as can be.
 
     :param todo: the runs
-    :param most: how many runs a group has
+    :param most: how many runs a group has, at most
     :param n_workers: processes
     """
     alike: dict[object, list[int]] = defaultdict(list)
@@ -212,8 +204,9 @@ def groups(todo: Sequence[RunSpecification], most: int, n_workers: int) -> list[
         alike[run.label, run.task, run.variant, run.budget].append(index)
     found = []
     for places in alike.values():
-        size = min(most, -(-len(places) // n_workers))
-        found += [places[first : first + size] for first in range(0, len(places), size)]
+        n_rounds = -(-len(places) // (most * n_workers))
+        n_groups = len(places) if most == 1 else min(len(places), n_rounds * n_workers)
+        found += [part.tolist() for part in np.array_split(places, n_groups)]
     return sorted(found)
 
 

@@ -138,12 +138,18 @@ def claim_of(record: RunRecord, most_failures: float = 0.0) -> Claim:
 
     :param record: of the run
     :param most_failures: share of held-out contexts that may fail in a success over many
-    :raises BenchmarkError: a failed run, or one from before records kept what can be repeated
+    :raises BenchmarkError: a failed run, one that was trained with others, or one from before
+        records kept what can be repeated
     """
     asked = record.specification
     if not record.finished:
         raise BenchmarkError(
             f"{asked.name} has failed ({record.reason}): a row needs all its runs."
+        )
+    if record.n_together > 1:
+        raise BenchmarkError(
+            f"{asked.name} was trained as one with {record.n_together - 1} other runs "
+            "(--together), and nobody can do it again to the bit: a row needs runs by themselves."
         )
     if "failure_rate" in record.curve:
         return _over_many(record, most_failures)

@@ -80,8 +80,8 @@ def origins(runs: pd.DataFrame) -> list[str]:
     beside = dict.fromkeys(runs.loc[runs["n_together"] > 1, "label"])
     if beside:
         notes.append(
-            f"Runs side by side (--together): {', '.join(beside)}. Networks are trained as one "
-            "there, and equal those of runs by themselves up to rounding, not to the bit."
+            f"Trained as one with other runs (--together): {', '.join(beside)}. Rounding differs "
+            "from that of runs by themselves, and can make them other runs in the end."
         )
     finished = runs.loc[runs["outcome"] == "finished"]
     keys = [key for key in ("seed", "target") if key in runs]

@@ -3,17 +3,23 @@
 The networks here are small: a step of training costs more in calls than in arithmetic. `together`
 lets several runs go on in turn, each as far as its next `train`. Phases of one kind, such as those
 of the same network under several seeds, are then done as one, on stacked parameters. Each run keeps
-its own random numbers, so what it learns is what it learns alone, up to rounding.
+its own random numbers, those of the global generators too, so what a phase teaches it is what it
+would learn alone, up to rounding.
 
 Only one run moves at any time: nothing here needs to be safe for threads.
 """
 
+import ctypes
+import random
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Sequence
 from contextvars import ContextVar, copy_context
 from threading import Semaphore, Thread
-from typing import Generic, Self, TypeVar
+from typing import Any, Generic, Self, TypeVar
+
+import numpy as np
+import torch as th
 
 T = TypeVar("T")
 
@@ -60,6 +66,12 @@ def clock() -> float:
     return time.perf_counter() - (0.0 if member is None else member.elsewhere)
 
 
+def n_met() -> int:
+    """Return the most runs that this one has trained with as one, itself included; alone 1."""
+    member = _MEMBER.get()
+    return 1 if member is None else member.n_met
+
+
 def together(tasks: Sequence[Callable[[], T]]) -> list[T]:
     """Do tasks side by side, and their training phases as one wherever they are of one kind.
 
@@ -74,14 +86,19 @@ def together(tasks: Sequence[Callable[[], T]]) -> list[T]:
     :raises Exception: what the first of the tasks that failed has raised, once all have ended
     """
     members = [_Member(task) for task in tasks]
-    for member in members:
-        member.go_on()
-    while waiting := [member for member in members if member.phase is not None]:
-        first = min(waiting, key=lambda member: member.n_phases)
-        met = [member for member in waiting if member.waits_for(first.kind)]
-        _train_as_one(met)
-        for member in met:
+    try:
+        for member in members:
             member.go_on()
+        while waiting := [member for member in members if member.phase is not None]:
+            first = min(waiting, key=lambda member: member.n_phases)
+            met = [member for member in waiting if member.kind == first.kind]
+            _train_as_one(met)
+            for member in met:
+                member.go_on()
+    except BaseException:  # such as Ctrl-C: no thread may go on behind the caller's back
+        for member in members:
+            member.abandon()
+        raise
     for member in members:
         if member.error is not None:
             raise member.error
@@ -89,19 +106,34 @@ def together(tasks: Sequence[Callable[[], T]]) -> list[T]:
 
 
 def _train_as_one(members: Sequence["_Member"]) -> None:
-    """Do what members wait for; an error is each one's."""
+    """Do what members wait for; each is told an error."""
     phases = [member.phase for member in members if member.phase is not None]
     begin, error = time.perf_counter(), None
     try:
-        if len(phases) == 1:
-            phases[0].alone()
-        else:
-            type(phases[0]).as_one(phases)
+        with th.enable_grad():
+            if len(phases) == 1:
+                phases[0].alone()
+            else:
+                type(phases[0]).as_one(phases)
     except Exception as raised:  # whatever a network or an optimizer raises
         error = raised
     share = (time.perf_counter() - begin) / len(members)
     for member in members:
-        member.share, member.failure = share, error
+        member.share, member.n_met = share, max(member.n_met, len(phases))
+        member.failure = error if error is None or len(phases) == 1 else _shared(error, len(phases))
+
+
+def _shared(error: Exception, n: int) -> RuntimeError:
+    told = RuntimeError(
+        f"the training of {n} runs as one failed ({type(error).__name__}: {error}); each by itself "
+        "tells which of them is to blame."
+    )
+    told.__cause__ = error
+    return told
+
+
+class _AbandonedError(BaseException):
+    """Ends a task whose caller has gone."""
 
 
 class _Member(Generic[T]):
@@ -115,29 +147,18 @@ class _Member(Generic[T]):
     def __init__(self, task: Callable[[], T]) -> None:
         self._task = task
         self._may_move, self._has_stopped = Semaphore(0), Semaphore(0)
-        #: what it waits for; None before its start and after its end
+        #: what it waits for, and its kind; None before its start and after its end
         self.phase: TrainingPhase | None = None
-        self.n_phases = 0
+        self.kind: Hashable = None
+        self.n_phases, self.n_met = 0, 1
         self.error: BaseException | None = None
         #: of the phase that was done
-        self.failure: Exception | None = None
+        self.failure: BaseException | None = None
         self.share = 0.0
         #: time that was spent on others, in s
         self.elsewhere = 0.0
-        # of a process that is interrupted no thread is left
-        Thread(target=copy_context().run, args=(self._work,), daemon=True).start()
-
-    @property
-    def kind(self) -> Hashable:
-        """Of the phase that it waits for, its class included."""
-        return type(self.phase), None if self.phase is None else self.phase.kind
-
-    def waits_for(self, kind: Hashable) -> bool:
-        """Tell whether it waits for a phase of a kind.
-
-        :param kind: as `kind` returns it
-        """
-        return self.kind == kind
+        self._thread = Thread(target=copy_context().run, args=(self._work,), daemon=True)
+        self._thread.start()
 
     def go_on(self) -> None:
         """Let it move until it waits for a phase, or ends."""
@@ -151,23 +172,49 @@ class _Member(Generic[T]):
         :param phase: of its training
         :raises Exception: what the phase raised
         """
-        begin = time.perf_counter()
-        self.phase = phase
+        self.kind = type(phase), phase.kind
+        begin, generators = time.perf_counter(), _generators()
         self.n_phases += 1
+        self.phase = phase
         self._has_stopped.release()
         self._may_move.acquire()
+        _set_generators(generators)
         self.elsewhere += time.perf_counter() - begin - self.share
         if self.failure is not None:
             raise self.failure
 
+    def abandon(self) -> None:
+        """End the task wherever it is, and wait until it has ended."""
+        if not self._thread.is_alive():
+            return
+        self.failure = _AbandonedError()
+        if self.phase is None and self._thread.ident is not None:  # it moves
+            raised = ctypes.py_object(_AbandonedError)
+            ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self._thread.ident), raised)
+        self._may_move.release()
+        self._thread.join()
+
     def _work(self) -> None:
-        self._may_move.acquire()
-        _MEMBER.set(self)
         try:
-            self.result = self._task()
+            self._may_move.acquire()
+            _MEMBER.set(self)
+            if self.failure is None:
+                self.result = self._task()
         except BaseException as error:  # raised again by `together`
             self.error = error
         self._has_stopped.release()
+
+
+def _generators() -> tuple[Any, ...]:
+    """Return the states of the global generators."""
+    return random.getstate(), np.random.get_state(), th.get_rng_state()
+
+
+def _set_generators(states: tuple[Any, ...]) -> None:
+    python, numpy, torch = states
+    random.setstate(python)
+    np.random.set_state(numpy)
+    th.set_rng_state(torch)
 
 
 _MEMBER: ContextVar["_Member | None"] = ContextVar("member", default=None)

@@ -15,7 +15,9 @@ def shapes_of(network: nn.Module) -> Hashable:
 
     :param network: whose modules and parameters count, not their values
     """
-    return str(network), tuple((name, each.shape) for name, each in network.named_parameters())
+    return str(network), tuple(
+        (name, each.shape, each.dtype, each.device) for name, each in network.named_parameters()
+    )
 
 
 def stage_of(optimizer: Optimizer) -> Hashable:
@@ -29,7 +31,7 @@ def stage_of(optimizer: Optimizer) -> Hashable:
     if type(optimizer) not in (Adam, AdamW) or len(optimizer.param_groups) != 1:
         return id(optimizer)
     steps = {float(state["step"]) for state in optimizer.state.values()}
-    return repr(_settings(optimizer)), tuple(sorted(steps))
+    return type(optimizer), repr(_settings(optimizer)), tuple(sorted(steps))
 
 
 def _settings(optimizer: Optimizer) -> dict[str, object]:
@@ -76,10 +78,11 @@ class Stack:
             state = self.optimizer.state.get(stacked, {})
             for s, (each, optimizer) in enumerate(zip(self._each, self._optimizers, strict=True)):
                 each[name].copy_(stacked[s])
-                optimizer.state[each[name]] = {
-                    key: value.clone() if key == "step" else value[s].clone()
-                    for key, value in state.items()
-                }
+                if state:  # none without a gradient
+                    optimizer.state[each[name]] = {
+                        key: value.clone() if key == "step" else value[s].clone()
+                        for key, value in state.items()
+                    }
 
 
 def _stacked(states: Sequence[dict[str, th.Tensor]]) -> dict[str, th.Tensor]:
