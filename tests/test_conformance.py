@@ -193,8 +193,10 @@ def test_a_loaded_model_follows_the_seed_that_it_is_given(
     build(algorithm, seed=0).save(tmp_path / "model")
     build(algorithm, seed=0).save(tmp_path / "seedless", exclude=["seed"])
 
-    def searched(name: str, **seed: int) -> np.ndarray:
-        model: Any = algorithm.load(tmp_path / name, env=vec_env(1, n_threads=1), **seed)
+    load: Any = algorithm.load
+
+    def searched(name: str, **seed: int) -> list[np.ndarray]:
+        model = load(tmp_path / name, env=vec_env(1, n_threads=1), **seed)
         return run(model, 2 * POPULATION).trajectories
 
     kept, other = searched("model"), searched("model", seed=3)

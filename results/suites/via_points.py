@@ -63,10 +63,11 @@ ALGORITHMS = {
     "RC-NMP without mutation": replace(RCNMP, settings=FIRST_NOISE_ONLY),
     "ACNMP": acnmp("Bayesian optimisation around the network", critic=UNPULLED),
     # no supervised learning between its steps: it would pull the answer back to the flat line; and
-    # fewer steps than the preset has, for more of them leave the data (via_points.md)
+    # fewer and smaller steps than the preset has, for others leave the data (via_points.md)
     "ACNMP, policy gradient": acnmp(
         "policy gradient, Eq. 5.2",
         search="policy",
+        learning_rate=2e-4,
         adaptation=replace(ACNMPAdaptation.preset("to_go"), supervised=False, n_training_steps=10),
     ),
     "ACNMP's twin, nearest": replace(
