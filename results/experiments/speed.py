@@ -2,8 +2,8 @@
 
 Run it alone on an idle machine: ``python -m results.experiments.speed``. It prints a Markdown
 table: the batched executor against a Python loop over the same model, RC-NMP's training against the
-original code's batches of one trajectory with one target point, all tasks on 1 and 2 threads, and
-the critic of ACNMP and its twins in searches of few and of many rollouts, and RC-NMP's runs side by
+original code's batches of one trajectory with one target point, all tasks on 1 and 2 threads, the
+critic of ACNMP and its twins in searches of few and of many rollouts, and RC-NMP's runs side by
 side against runs one by one.
 """
 

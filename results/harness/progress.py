@@ -98,7 +98,8 @@ def run_with_progress(
     except KeyboardInterrupt:
         return _stopped(plan, "interrupted", INTERRUPTED)
     except BrokenProcessPool:
-        why = "a worker process died (out of memory? use fewer --workers, or a smaller --together)"
+        less = "fewer --workers" if n_together == 1 else "fewer --workers, or a smaller --together"
+        why = f"a worker process died (out of memory? then use {less})"
         return _stopped(plan, why, ALL_FAILED)
     failed = [outcome for outcome in ended if not outcome.record.finished]
     console.print(

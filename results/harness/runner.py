@@ -205,7 +205,7 @@ def groups(todo: Sequence[RunSpecification], most: int, n_workers: int) -> list[
     found = []
     for places in alike.values():
         n_rounds = -(-len(places) // (most * n_workers))
-        n_groups = len(places) if most == 1 else min(len(places), n_rounds * n_workers)
+        n_groups = min(len(places), n_rounds * n_workers)
         found += [part.tolist() for part in np.array_split(places, n_groups)]
     return sorted(found)
 
