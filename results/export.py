@@ -30,9 +30,9 @@ def export(
     :param names: of the joints or coordinates; ``q1`` and so on by default
     :param limits: that the trajectory has to keep; None: any is written
     :raises TaskError: the trajectory exceeds a limit; the message names each
-    :raises BenchmarkError: limits or names of a policy, another ending, a wrong number of names,
-        names that are alike or that no file can have, no model for .onnx, a package that is
-        missing, or a policy that ONNX cannot hold
+    :raises BenchmarkError: limits, names or the context of a policy, another ending, a wrong number
+        of names, names that are alike or that no file can have, no model for .onnx, a package that
+        is missing, or a policy that ONNX cannot hold
     """
     if out.suffix not in ENDINGS:
         raise BenchmarkError(f"--out is '{out}'; its ending must be one of {', '.join(ENDINGS)}.")
@@ -56,6 +56,11 @@ def _export_policy(
             "--names are of the joints in a trajectory's file, and a policy's has none. Export "
             ".csv or .mcap, or leave --names out."
         )
+    if request.context is not None:
+        raise BenchmarkError(
+            f"--context is of one trajectory, and {out} is to hold a policy, which answers every "
+            "context. Export .csv or .mcap, or leave --context out."
+        )
     if request.model is None:
         raise BenchmarkError(f"--out {out} is to hold a policy: give its model (--model).")
     model = load_model(request)
@@ -66,8 +71,7 @@ def _export_policy(
 def _export_trajectory(
     request: RenderRequest, out: Path, names: Sequence[str] | None, limits: MotionLimits | None
 ) -> None:
-    task = make_task(request.task)
-    _, context, trajectory = chosen_rollout(request)
+    task, context, trajectory = chosen_rollout(request)
     n_dimensions = np.shape(trajectory)[1]
     if names is not None and len(names) != n_dimensions:
         raise BenchmarkError(f"--names has {len(names)} names; {n_dimensions} are needed.")

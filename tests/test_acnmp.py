@@ -226,7 +226,7 @@ def test_settings_outside_their_range_are_refused() -> None:
         ACNMPCritic(n_remembered=1)
     with pytest.raises(ConfigurationError, match=r"shaped is 1.5; it must be in \[0, 1\]"):
         ACNMPExploration(shaped=1.5)
-    with pytest.raises(ConfigurationError, match=r"advantage is 'best'; it must be one of to_go"):
+    with pytest.raises(ConfigurationError, match=r"advantage is 'best'; it must be 'to_go' or"):
         ACNMPAdaptation(advantage="best")  # pyright: ignore[reportArgumentType]
     with pytest.raises(ConfigurationError, match="n_training_steps is -1"):
         ACNMPAdaptation(n_training_steps=-1)

@@ -19,8 +19,8 @@ from sb3_nmp.common.contextual import ContextualExploration, ContextualSearch, E
 from sb3_nmp.common.repertoire import Repertoire
 from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining
 from sb3_nmp.models.skill_space import SkillSpace
-from sb3_nmp.rcnmp.achievement import AchievementConditionedSkill, RCNMPAchievement
-from sb3_nmp.rcnmp.skill import RCNMPSkill
+from sb3_nmp.rcnmp.achievement import AchievementConditionedSkill
+from sb3_nmp.rcnmp.settings import RCNMPAchievement, RCNMPSkill
 
 N_UNSEEN = 60
 

@@ -138,6 +138,12 @@ def test_policies_that_onnx_has_no_words_for_say_so(tmp_path: Path) -> None:
         export_onnx(REPS("MlpPolicy", ENV_ID).policy, tmp_path / "policy.onnx")
 
 
+def test_a_model_in_the_place_of_its_policy_is_told(tmp_path: Path) -> None:
+    model: Any = REPS("MlpPolicy", ENV_ID)
+    with pytest.raises(ConfigurationError, match=r"give model\.policy, not the model"):
+        export_onnx(model, tmp_path / "policy.onnx")
+
+
 # -- wrong use -------------------------------------------------------------------------------------
 
 
@@ -150,6 +156,7 @@ def test_policies_that_onnx_has_no_words_for_say_so(tmp_path: Path) -> None:
         (["--expert", "s", "--out", "p.csv", "--names", "x", ""], "--names is ['x', '']; each"),
         (["--expert", "s", "--out", "p.mcap", "--names", "x", " "], "--names is ['x', ' ']; each"),
         (["--expert", "s", "--out", "p.onnx", "--names", "x", "y"], "leave --names out"),
+        (["--expert", "s", "--out", "p.onnx", "--context", "1"], "leave --context out"),
         (["--expert", "s", "--out", "p.csv", "--names", "time", "y"], "needs a name of its own"),
         (["--expert", "s", "--out", "policy.onnx"], "give its model (--model)"),
         (["--model", "missing.zip", "--out", "path.csv"], "there is no model 'missing.zip'"),

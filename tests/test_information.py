@@ -22,8 +22,7 @@ from sb3_nmp import (
 from sb3_nmp.checking.environments import Telling
 from sb3_nmp.common.policies import ElitePolicy
 from sb3_nmp.common.rollouts import Information
-from sb3_nmp.rcnmp.achievement import RCNMPAchievement
-from sb3_nmp.rcnmp.skill import RCNMPSkill
+from sb3_nmp.rcnmp.settings import RCNMPAchievement, RCNMPSkill
 from tests.registry import ALGORITHMS, DEMONSTRATIONS, ENV_ID, POPULATION
 
 Algorithm = type[TrajectoryAlgorithm]

@@ -7,7 +7,7 @@ from results.harness.suite import Recipe
 from results.stream.protocol import Stream
 from results.suites.random_bottles import TASKS, twin
 from sb3_nmp import ACNMPAdaptation, CNMPArchitecture
-from sb3_nmp.rcnmp.skill import RCNMPSkill
+from sb3_nmp.rcnmp.settings import RCNMPSkill
 
 #: contexts that ACNMP and its twins try at once
 TOGETHER: dict[str, object] = {"n_contexts": 20}

@@ -2,12 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, get_args
+from typing import Any, ClassVar, Literal
 
 from sb3_nmp.bayesian.settings import ShapedExploration
-from sb3_nmp.common.argument_types import check_types
 from sb3_nmp.common.exceptions import ConfigurationError
-from sb3_nmp.common.settings import Presets, Rules, check_rules, settings_name
+from sb3_nmp.common.settings import Rules, Settings, limits, settings_name
 
 #: ``"to_go"``: the reward from each time on (Eq. 5.2); ``"step"``: the reward at each time (the
 #: original code); ``"place"``: by place among all rollouts of the context
@@ -49,19 +48,21 @@ class ACNMPExploration(ShapedExploration):
     radius_limits: tuple[float, float] = (0.02, 1.5)
     retry_answer: bool = False
 
-    def __post_init__(self) -> None:
-        """Check the values."""
-        super().__post_init__()
-        low, high = self.radius_limits
-        rules: Rules = {
+    def rules(self) -> Rules:
+        """Return the rules of the values."""
+        return {
+            **super().rules(),
             "latent": (self.latent >= 0, ">= 0"),
             "n_latents": (self.n_latents >= 0, ">= 0"),
             "context": (self.context >= 0, ">= 0"),
             "growth": (self.growth >= 1, ">= 1"),
             "shrinkage": (0 < self.shrinkage <= 1, "in (0, 1]"),
-            "radius_limits": (0 < low <= high, "(low, high) with 0 < low <= high"),
+            "radius_limits": limits(*self.radius_limits),
         }
-        check_rules(self, rules)
+
+    def __post_init__(self) -> None:
+        """Check the values, and that something is explored."""
+        super().__post_init__()
         if not (self.noise or self.context or (self.latent and self.n_latents)):
             raise ConfigurationError(
                 "nothing is explored: one of latent, context, noise must be > 0."
@@ -70,7 +71,7 @@ class ACNMPExploration(ShapedExploration):
 
 @settings_name("acnmp-adaptation")
 @dataclass(frozen=True)
-class ACNMPAdaptation(Presets):
+class ACNMPAdaptation(Settings):
     """How ACNMP's network goes on learning after generations of a search.
 
     Presets: ``"to_go"`` and ``"step"`` have these advantages, in short training: what is pushed
@@ -129,20 +130,15 @@ class ACNMPAdaptation(Presets):
             "rollouts of a generation"
         )
 
-    def __post_init__(self) -> None:
-        """Check the values."""
-        known, others = get_args(Advantage), {**vars(self)}
-        del others["advantage"]  # has a rule of its own
-        check_types(type(self), others)
-        rules: Rules = {
-            "advantage": (self.advantage in known, f"one of {', '.join(known)}"),
+    def rules(self) -> Rules:
+        """Return the rules of the values."""
+        return {
             "temperature": (self.temperature > 0, "> 0"),
             "reward_weight": (self.reward_weight >= 0, ">= 0"),
             "n_training_steps": (self.n_training_steps >= 0, ">= 0"),
             "n_assimilation_steps": (self.n_assimilation_steps >= 0, ">= 0"),
             "n_final_steps": (self.n_final_steps >= 0, ">= 0"),
         }
-        check_rules(self, rules)
 
     @property
     def imitates(self) -> bool:

@@ -5,8 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from sb3_nmp.common.argument_types import check_types
-from sb3_nmp.common.settings import Presets, Rules, check_rules, settings_name
+from sb3_nmp.common.settings import Rules, Settings, limits, settings_name
 from sb3_nmp.common.tuning import Choice, Range, SearchSpace
 
 #: what is tuned of an algorithm that searches with `ShapedExploration`
@@ -20,7 +19,7 @@ SEARCH_SPACE: SearchSpace = {
 
 @settings_name("shaped-exploration")
 @dataclass(frozen=True)
-class ShapedExploration(Presets):
+class ShapedExploration(Settings):
     """Smooth noise that is shaped like the demonstrations, in units of ``exploration_scale``.
 
     The defaults are one setting for all tasks. The preset ``"push"`` is for demonstrations that
@@ -50,21 +49,19 @@ class ShapedExploration(Presets):
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"push": {"n_bases": 4, "shaped": 0.99}}
 
-    def __post_init__(self) -> None:
-        """Check the values."""
-        check_types(type(self), vars(self))
-        rules: Rules = {
+    def rules(self) -> Rules:
+        """Return the rules of the values."""
+        return {
             "noise": (self.noise >= 0, ">= 0"),
             "n_bases": (self.n_bases >= 2, ">= 2"),
             "shaped": (0 <= self.shaped <= 1, "in [0, 1]"),
             "radius": (self.radius > 0, "> 0"),
         }
-        check_rules(self, rules)
 
 
 @settings_name("acnmp-critic")
 @dataclass(frozen=True)
-class ACNMPCritic:
+class ACNMPCritic(Settings):
     """How the critic of ACNMP and of its twins chooses the rollouts of a search.
 
     The penalty, the moments and the noises were chosen by measurement on tuning contexts
@@ -125,13 +122,11 @@ class ACNMPCritic:
     refinement_scale: float = 0.25
     n_rounds: int = 2
 
-    def __post_init__(self) -> None:
-        """Check the values."""
-        check_types(type(self), vars(self))
-        low, high = self.radius_limits
-        rules: Rules = {
+    def rules(self) -> Rules:
+        """Return the rules of the values."""
+        return {
             "pull": (0 <= self.pull < math.inf, ">= 0 and finite"),
-            "radius_limits": (0 < low <= high, "(low, high) with 0 < low <= high"),
+            "radius_limits": limits(*self.radius_limits),
             "growth": (self.growth >= 1, ">= 1"),
             "shrinkage": (0 < self.shrinkage <= 1, "in (0, 1]"),
             "restart_radius": (self.restart_radius >= 0, ">= 0"),
@@ -139,7 +134,11 @@ class ACNMPCritic:
             "noises": (min(self.noises, default=0) > 0, "at least one value, all > 0"),
             "n_moments": (self.n_moments >= 1, ">= 1"),
             "n_remembered": (self.n_remembered >= 2, ">= 2"),
-            "n_candidates": (self.n_candidates >= self.n_refined >= 1, ">= n_refined >= 1"),
+            "n_refined": (self.n_refined >= 1, ">= 1"),
+            "n_candidates": (
+                self.n_candidates >= self.n_refined,
+                f">= n_refined, which is {self.n_refined}",
+            ),
             "candidate_scales": (
                 min(self.candidate_scales, default=0) > 0,
                 "at least one value, all > 0",
@@ -148,4 +147,3 @@ class ACNMPCritic:
             "refinement_scale": (self.refinement_scale > 0, "> 0"),
             "n_rounds": (self.n_rounds >= 0, ">= 0; 0 refines nothing"),
         }
-        check_rules(self, rules)

@@ -14,7 +14,14 @@ import numpy as np
 import torch as th
 from numpy.typing import NDArray
 
-from sb3_nmp.common.settings import saved_state, settings_name
+from sb3_nmp.common.settings import (
+    Rules,
+    Settings,
+    limits,
+    saved_state,
+    settings_name,
+    whole,
+)
 from sb3_nmp.common.tuning import Choice, Range, SearchSpace
 
 FloatArray = NDArray[np.float64]
@@ -140,7 +147,7 @@ class Skill(Protocol):
 
 @settings_name("contextual-exploration")
 @dataclass(frozen=True)
-class ContextualExploration:
+class ContextualExploration(Settings):
     """How far rollouts in new contexts explore around the answer, in units of the first scale.
 
     >>> ContextualExploration(wanted_rate=0.5).limits  # contextual=... of RC-NMP takes it
@@ -163,6 +170,7 @@ class ContextualExploration:
         differ by at most this, in standard deviations of contexts; None repeats none
     :param stride: how far from what was achieved a rollout aims, towards a goal farther away; in
         units of the distance at which rollouts still succeed
+    :raises ConfigurationError: a value outside its range
     """
 
     largest: float = 5.0
@@ -178,6 +186,24 @@ class ContextualExploration:
     patience: float = 0.05
     alike: float | None = 0.2
     stride: float = 3.0
+
+    def rules(self) -> Rules:
+        """Return the rules of the values."""
+        return {
+            "largest": (self.largest >= 1, ">= 1"),
+            "widening": (self.widening >= 1, ">= 1"),
+            "least_share": (0 <= self.least_share <= 1, "in [0, 1]"),
+            "after_success": (self.after_success > 0, "> 0"),
+            "after_achievement": (self.after_achievement > 0, "> 0"),
+            "wanted_rate": (0 < self.wanted_rate < 1, "in (0, 1)"),
+            "gain": (self.gain >= 0, ">= 0"),
+            "limits": limits(*self.limits),
+            "limits_achieved": limits(*self.limits_achieved),
+            "least_achieved": whole(self.least_achieved, least=1),
+            "patience": (self.patience >= 0, ">= 0"),
+            "alike": (self.alike is None or self.alike >= 0, ">= 0, or None"),
+            "stride": (self.stride > 0, "> 0"),
+        }
 
 
 @saved_state("contextual-search")

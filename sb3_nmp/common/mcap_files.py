@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sb3_nmp.common.exceptions import ConfigurationError, FileFormatError, InvalidDataError
 from sb3_nmp.common.files import AnyPath, bytes_of, writing
+from sb3_nmp.common.finite_arrays import numbers
 
 TOPIC = "/joint_trajectory_controller/joint_trajectory"
 TYPE = "trajectory_msgs/msg/JointTrajectory"
@@ -57,14 +58,15 @@ def write_mcap(
     :param joints: their names, D of them; ``q1`` and so on by default
     :param topic: of the message
     :raises ConfigurationError: mcap-ros2-support is not installed
-    :raises InvalidDataError: shapes that do not fit, times that do not increase, or a value that is
-        not finite
+    :raises InvalidDataError: no numbers, shapes that do not fit, times that do not increase, or a
+        value that is not finite
     """
     _check_installed()
     from mcap_ros2.writer import Writer
 
-    points, at = np.asarray(trajectory, np.float64), np.asarray(times, np.float64)
-    names = list(joints or (f"q{i + 1}" for i in range(points.shape[-1])))
+    points, at = numbers("positions", trajectory), numbers("times", times)
+    n_joints = points.shape[-1] if points.ndim else 0
+    names = list(joints or (f"q{i + 1}" for i in range(n_joints)))
     if points.ndim != 2 or at.shape != points.shape[:1] or len(names) != points.shape[1]:
         raise InvalidDataError(
             f"a trajectory of shape {points.shape}, times of shape {at.shape} and {len(names)} "

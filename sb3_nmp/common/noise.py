@@ -5,16 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_nmp.common.argument_types import check_types
-from sb3_nmp.common.exceptions import ConfigurationError
-from sb3_nmp.common.settings import settings_name
+from sb3_nmp.common.settings import Rules, Settings, settings_name, whole
 
 LEAST_WIDTH = 0.05  # of a basis, in units of the bases' spacing
 
 
 @settings_name("smooth-noise")
 @dataclass(frozen=True)
-class SmoothNoise:
+class SmoothNoise(Settings):
     """Gaussian noise over a trajectory whose values at neighbouring times are correlated.
 
     A weighted sum of Gaussian bases over time with normal weights, scaled so that the standard
@@ -36,20 +34,18 @@ class SmoothNoise:
     n_bases: int = 10
     width: float = 1.0
 
-    def __post_init__(self) -> None:
-        """Check the values."""
-        check_types(type(self), {"n_bases": self.n_bases, "width": self.width})
-        given = np.asarray(self.sigma)
-        sigma = given if given.dtype.kind in "iuf" else np.array(np.nan)
-        if np.any(sigma < 0) or not np.all(np.isfinite(sigma)):
-            raise ConfigurationError(f"sigma is {self.sigma!r}; it must be finite and >= 0.")
-        if self.n_bases < 2:
-            raise ConfigurationError(f"n_bases is {self.n_bases}; at least 2 are needed.")
-        if not LEAST_WIDTH <= self.width < np.inf:
-            raise ConfigurationError(
-                f"width is {self.width}; it must be > 0, and at least {LEAST_WIDTH}: narrower "
-                "bases leave gaps between them. 1 is usual."
-            )
+    def rules(self) -> Rules:
+        """Return the rules of the values."""
+        sigma = np.asarray(self.sigma)
+        return {
+            "sigma": (bool(np.all((sigma >= 0) & np.isfinite(sigma))), "finite and >= 0"),
+            "n_bases": whole(self.n_bases, least=2),
+            "width": (
+                LEAST_WIDTH <= self.width < np.inf,
+                f"> 0, and at least {LEAST_WIDTH}: narrower bases leave gaps between them. 1 is "
+                "usual",
+            ),
+        }
 
     def bases(self, n_time_points: int) -> NDArray[np.float64]:
         """Return the bases, rows of unit length, shape (T, n_bases).

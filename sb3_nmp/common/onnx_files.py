@@ -7,6 +7,7 @@ from typing import Any, cast
 
 import torch as th
 from gymnasium import spaces
+from stable_baselines3.common.base_class import BaseAlgorithm
 from torch import nn
 
 from sb3_nmp.common.elites import SAME_CONTEXT
@@ -65,8 +66,11 @@ def export_onnx(policy: TrajectoryPolicy, path: AnyPath) -> None:
 
     :param policy: of a model, ``model.policy``; one whose answers are a network's
     :param path: of the file, or an open one
-    :raises ConfigurationError: the answers are no network's, or onnx is not installed
+    :raises ConfigurationError: a model instead of its policy, answers that are no network's, or
+        onnx is not installed
     """
+    if isinstance(policy, BaseAlgorithm):
+        raise ConfigurationError("export_onnx takes a policy: give model.policy, not the model.")
     if not isinstance(policy, ElitePolicy) or not policy.answers_by_network:
         raise ConfigurationError(
             f"a {type(policy).__name__} in this state answers each context by a computation that "

@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sb3_nmp.common.exceptions import ConfigurationError
-from sb3_nmp.common.settings import settings_name
+from sb3_nmp.common.settings import Rules, Settings, settings_name
 
 
 @settings_name("pd-controller")
 @dataclass(frozen=True)
-class PDController:
+class PDController(Settings):
     """Makes a desired trajectory smooth and pulls its end to the goal.
 
     Eq. 6.3, with the goal g, the desired trajectory tau and the position x::
@@ -39,13 +39,13 @@ class PDController:
     kd: float = 1.0
     duration: float = 10.0
 
-    def __post_init__(self) -> None:
-        """Check the values."""
-        if not (self.kp > 0 and self.kd >= 0 and self.duration > 0):
-            raise ConfigurationError(
-                f"kp is {self.kp}, kd {self.kd}, duration {self.duration}; kp and duration must "
-                "be > 0 and kd >= 0."
-            )
+    def rules(self) -> Rules:
+        """Return the rules of the values."""
+        return {
+            "kp": (self.kp > 0, "> 0"),
+            "kd": (self.kd >= 0, ">= 0"),
+            "duration": (self.duration > 0, "> 0"),
+        }
 
     @property
     def longest_step(self) -> float:

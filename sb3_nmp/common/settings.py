@@ -9,6 +9,7 @@ such as a search that is under way: ``@saved_state("critic-search")``.
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Self, TypeVar
 
+from sb3_nmp.common.argument_types import check_types
 from sb3_nmp.common.exceptions import ConfigurationError
 
 #: by a setting's name: whether its value fits, and the rule in words
@@ -97,6 +98,38 @@ def stable_name(cls: type) -> str:
     return _NAMES[cls]
 
 
+def whole(value: float, least: int) -> tuple[bool, str]:
+    """Return the rule of a whole number.
+
+    >>> whole(3, least=1), whole(0, least=1)
+    ((True, 'a whole number >= 1'), (False, 'a whole number >= 1'))
+
+    :param value: of it
+    :param least: that it may be
+    """
+    return value >= least, f"a whole number >= {least}"
+
+
+def layers(sizes: tuple[int, ...]) -> tuple[bool, str]:
+    """Return the rule of hidden layers, of which there may be none.
+
+    :param sizes: of each
+    """
+    return all(size >= 1 for size in sizes), "the sizes of hidden layers, all >= 1"
+
+
+def limits(low: float, high: float, least: float = 0.0) -> tuple[bool, str]:
+    """Return the rule of two limits.
+
+    :param low: the first
+    :param high: the second
+    :param least: that the first may be; 0 stands for anything above it
+    """
+    above = low > 0 if least == 0 else low >= least
+    sign = "0 <" if least == 0 else f"{least:g} <="
+    return above and low <= high, f"(low, high) with {sign} low <= high"
+
+
 def check_rules(owner: object, rules: Rules) -> None:
     """Raise for the first setting that does not fit its rule.
 
@@ -111,10 +144,22 @@ def check_rules(owner: object, rules: Rules) -> None:
             )
 
 
-class Presets:
-    """Base of the settings that can be had by name."""
+class Settings:
+    """Base of the settings of algorithms: checked when they are made, some to be had by name.
+
+    :raises ConfigurationError: a value of another type than is declared, or that breaks a rule
+    """
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+
+    def __post_init__(self) -> None:
+        """Check types, then rules."""
+        check_types(type(self), vars(self))
+        check_rules(self, self.rules())
+
+    def rules(self) -> Rules:
+        """Return the rules that the values must fit, which are of their declared types."""
+        return {}
 
     @classmethod
     def preset(cls, name: str) -> Self:
@@ -124,7 +169,6 @@ class Presets:
         :raises ConfigurationError: there are none of that name
         """
         if name not in cls.presets:
-            raise ConfigurationError(
-                f"{cls.__name__} has no preset '{name}'; it has {', '.join(cls.presets)}."
-            )
+            has = ", ".join(cls.presets) or "none"
+            raise ConfigurationError(f"{cls.__name__} has no preset '{name}'; it has {has}.")
         return cls(**cls.presets[name])

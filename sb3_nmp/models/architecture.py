@@ -6,13 +6,12 @@ from typing import Any, ClassVar
 
 from torch import nn
 
-from sb3_nmp.common.exceptions import ConfigurationError
-from sb3_nmp.common.settings import Presets, settings_name
+from sb3_nmp.common.settings import Rules, Settings, layers, settings_name, whole
 
 
 @settings_name("cnmp-architecture")
 @dataclass(frozen=True)
-class CNMPArchitecture(Presets):
+class CNMPArchitecture(Settings):
     """Architecture of a CNMP.
 
     Training begins with the linear regression of the demonstrations on their contexts, and learns
@@ -51,8 +50,7 @@ class CNMPArchitecture(Presets):
     :param n_modes: the most ways to do the task that are told apart among the demonstrations, by a
         categorical latent (chapter 7 names it as future work). 1 takes all for one way: two ways,
         such as left and right of an obstacle, are averaged
-    :raises ConfigurationError: ``n_members`` or ``n_modes`` is no whole number >= 1, or
-        ``beta_nll`` is outside [0, 1]
+    :raises ConfigurationError: a value outside its range
     """
 
     representation_dim: int = 16
@@ -84,14 +82,24 @@ class CNMPArchitecture(Presets):
         """Whether there is a trend, and training begins with a fitted one."""
         return self.linear_trend and self.fitted_trend
 
-    def __post_init__(self) -> None:
-        """Check the numbers of members and of modes, and the weight of points."""
-        for name in ("n_members", "n_modes"):
-            value = getattr(self, name)
-            if int(value) != value or value < 1:
-                raise ConfigurationError(f"{name} is {value}; it must be a whole number >= 1.")
-        if not 0 <= self.beta_nll <= 1:
-            raise ConfigurationError(
-                f"beta_nll is {self.beta_nll}; it must lie in [0, 1]: 0 is the likelihood alone, 1 "
-                "weighs all errors of the mean alike."
-            )
+    def rules(self) -> Rules:
+        """Return the rules of the values."""
+        kind = self.activation_fn
+        return {
+            "representation_dim": whole(self.representation_dim, least=1),
+            "encoder_arch": layers(self.encoder_arch),
+            "context_arch": layers(self.context_arch),
+            "decoder_arch": layers(self.decoder_arch),
+            "n_frequencies": whole(self.n_frequencies, least=0),
+            "min_std": (self.min_std >= 0, ">= 0"),
+            "activation_fn": (
+                isinstance(kind, type) and issubclass(kind, nn.Module),
+                "a class of torch.nn, such as torch.nn.SiLU",
+            ),
+            "n_members": whole(self.n_members, least=1),
+            "n_modes": whole(self.n_modes, least=1),
+            "beta_nll": (
+                0 <= self.beta_nll <= 1,
+                "in [0, 1]: 0 is the likelihood alone, 1 weighs all errors of the mean alike",
+            ),
+        }

@@ -6,16 +6,13 @@ O conditioning points, P target points, E members.
 
 import math
 from dataclasses import dataclass
-from numbers import Real
 
 import numpy as np
 import torch as th
 from stable_baselines3.common.utils import update_learning_rate
 
-from sb3_nmp.common.argument_types import check_types
 from sb3_nmp.common.demonstrations import Demonstrations
-from sb3_nmp.common.exceptions import ConfigurationError
-from sb3_nmp.common.settings import settings_name
+from sb3_nmp.common.settings import Rules, Settings, settings_name, whole
 from sb3_nmp.models.cnmp import CNMP
 from sb3_nmp.models.conditional_neural_process import ConditionalNeuralProcess
 
@@ -25,7 +22,7 @@ CHUNK = 100
 
 @settings_name("cnmp-pretraining")
 @dataclass(frozen=True)
-class CNMPPretraining:
+class CNMPPretraining(Settings):
     """How a CNMP is trained on demonstrations before any rollout.
 
     Small batches pay: at equal time they generalise better than large ones, which meet the
@@ -42,6 +39,7 @@ class CNMPPretraining:
         of the time, as in `predict` without via-points
     :param learning_rate: of Adam at the start; it falls to a hundredth along a cosine
     :param weight_decay: of AdamW
+    :raises ConfigurationError: a value outside its range
     """
 
     n_steps: int = 3000
@@ -51,21 +49,16 @@ class CNMPPretraining:
     learning_rate: float = 3e-3
     weight_decay: float = 0.0
 
-    def __post_init__(self) -> None:
-        """Check the values."""
-        for name in ("n_steps", "batch_size", "n_target_points", "max_conditioning_points"):
-            value = getattr(self, name)
-            least = 0 if name in ("n_steps", "max_conditioning_points") else 1
-            if not isinstance(value, Real) or value % 1 != 0 or value < least:
-                raise ConfigurationError(
-                    f"{name} is {value!r}; it must be a whole number >= {least}."
-                )
-        check_types(type(self), {n: getattr(self, n) for n in ("learning_rate", "weight_decay")})
-        if not self.learning_rate > 0 or not self.weight_decay >= 0:
-            raise ConfigurationError(
-                f"learning_rate is {self.learning_rate} and weight_decay {self.weight_decay}; they "
-                "must be > 0 and >= 0."
-            )
+    def rules(self) -> Rules:
+        """Return the rules of the values."""
+        return {
+            "n_steps": whole(self.n_steps, least=0),
+            "batch_size": whole(self.batch_size, least=1),
+            "n_target_points": whole(self.n_target_points, least=1),
+            "max_conditioning_points": whole(self.max_conditioning_points, least=0),
+            "learning_rate": (self.learning_rate > 0, "> 0"),
+            "weight_decay": (self.weight_decay >= 0, ">= 0"),
+        }
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from sb3_nmp.common.lockstep import TrainingPhase, train
-from sb3_nmp.common.settings import settings_name
+from sb3_nmp.common.settings import Rules, Settings, settings_name, whole
 
 #: of outputs and targets, both (E, rows, K): a mean over members and rows
 Loss = Callable[[th.Tensor, th.Tensor], th.Tensor]
@@ -23,7 +23,7 @@ Loss = Callable[[th.Tensor, th.Tensor], th.Tensor]
 
 @settings_name("ensemble-training")
 @dataclass(frozen=True)
-class EnsembleTraining:
+class EnsembleTraining(Settings):
     """How an ensemble is trained; each member draws batches of its own.
 
     :param learning_rate: of AdamW
@@ -31,12 +31,22 @@ class EnsembleTraining:
     :param batch_size: rows per step and member
     :param huber: errors above this count linearly (Huber's loss), as where outliers are real; None
         counts all squared
+    :raises ConfigurationError: a value outside its range
     """
 
     learning_rate: float = 3e-3
     weight_decay: float = 0.01
     batch_size: int = 128
     huber: float | None = None
+
+    def rules(self) -> Rules:
+        """Return the rules of the values."""
+        return {
+            "learning_rate": (self.learning_rate > 0, "> 0"),
+            "weight_decay": (self.weight_decay >= 0, ">= 0"),
+            "batch_size": whole(self.batch_size, least=1),
+            "huber": (self.huber is None or self.huber > 0, "> 0, or None"),
+        }
 
     def loss(self, predicted: th.Tensor, wanted: th.Tensor) -> th.Tensor:
         """Return the mean error, squared or Huber's.

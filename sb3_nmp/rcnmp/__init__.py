@@ -1,11 +1,8 @@
 """Reward Conditioned Neural Movement Primitives (thesis chapter 6)."""
 
-from sb3_nmp.rcnmp.achievement import RCNMPAchievement
 from sb3_nmp.rcnmp.algorithm import RCNMP
 from sb3_nmp.rcnmp.policy import RCNMPPolicy
-from sb3_nmp.rcnmp.reward_model import RCNMPRewardModel
-from sb3_nmp.rcnmp.skill import RCNMPSkill
-from sb3_nmp.rcnmp.training import RCNMPTraining
+from sb3_nmp.rcnmp.settings import RCNMPAchievement, RCNMPRewardModel, RCNMPSkill, RCNMPTraining
 
 __all__ = [
     "RCNMP",

@@ -9,7 +9,6 @@ such as how much a cup holds, are circumstances that the ensemble is told; the o
 Shape letters: N contexts, M rollouts that achieved something, C context, P weights, E members.
 """
 
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -17,41 +16,11 @@ import torch as th
 
 from sb3_nmp.common.contextual import Experience
 from sb3_nmp.common.growing import GrowingModule
-from sb3_nmp.common.settings import settings_name
-from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining
+from sb3_nmp.models.ensemble import Ensemble
 from sb3_nmp.models.skill_space import N_MOMENTS, SkillSpace
 from sb3_nmp.models.standardised import Standardised
+from sb3_nmp.rcnmp.settings import RCNMPAchievement
 from sb3_nmp.rcnmp.skill import BETAS
-
-
-@settings_name("rcnmp-achievement")
-@dataclass(frozen=True)
-class RCNMPAchievement:
-    """How RC-NMP learns from what was achieved; chosen on push, seeds from 1000 on.
-
-    >>> RCNMPAchievement().n_starts  # policy_kwargs={"achievement": ...} takes it
-    4
-
-    :param n_members: of the ensemble
-    :param arch: its hidden layers
-    :param steps_per_rollout: of its training, which goes on from where it was
-    :param training: rate and batches
-    :param n_starts: nearest rollouts from which an answer begins
-    :param width: standard deviation of a correction, in units of the exploration
-    :param tolerance: of what is achieved, in standard deviations of what was
-    :param correction_steps: of Adam
-    :param correction_rate: its learning rate
-    """
-
-    n_members: int = 5
-    arch: tuple[int, ...] = (128, 128)
-    steps_per_rollout: float = 4.0
-    training: EnsembleTraining = EnsembleTraining(2e-3, batch_size=256, huber=0.2)  # noqa: RUF009
-    n_starts: int = 4
-    width: float = 1.5
-    tolerance: float = 0.1
-    correction_steps: int = 25
-    correction_rate: float = 0.15
 
 
 class AchievementConditionedSkill(GrowingModule):

@@ -19,8 +19,9 @@ from sb3_nmp.common.rollouts import Generation
 from sb3_nmp.common.settings import Rules
 from sb3_nmp.common.tuning import Choice, Range, SearchSpace
 from sb3_nmp.rcnmp.policy import RCNMPPolicy
-from sb3_nmp.rcnmp.reward_model import RCNMPRewardModel, judge
-from sb3_nmp.rcnmp.training import ElboPhase, RCNMPTraining, batches
+from sb3_nmp.rcnmp.reward_model import judge
+from sb3_nmp.rcnmp.settings import RCNMPRewardModel, RCNMPTraining
+from sb3_nmp.rcnmp.training import ElboPhase, batches
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,9 @@ from torch import nn
 
 from sb3_nmp.common.contextual import Experience
 from sb3_nmp.models.skill_space import SkillSpace
-from sb3_nmp.rcnmp.achievement import AchievementConditionedSkill, RCNMPAchievement
-from sb3_nmp.rcnmp.skill import RCNMPSkill, RewardConditionedSkill
+from sb3_nmp.rcnmp.achievement import AchievementConditionedSkill
+from sb3_nmp.rcnmp.settings import RCNMPAchievement, RCNMPSkill
+from sb3_nmp.rcnmp.skill import RewardConditionedSkill
 
 Conditioned = RewardConditionedSkill | AchievementConditionedSkill
 

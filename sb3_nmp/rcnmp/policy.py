@@ -11,9 +11,8 @@ from torch import nn
 
 from sb3_nmp.common.policies import ElitePolicy
 from sb3_nmp.models.neural_process import NeuralProcess
-from sb3_nmp.rcnmp.achievement import RCNMPAchievement
 from sb3_nmp.rcnmp.contextual_skill import ContextualSkill
-from sb3_nmp.rcnmp.skill import RCNMPSkill
+from sb3_nmp.rcnmp.settings import RCNMPAchievement, RCNMPSkill
 
 
 class RCNMPPolicy(ElitePolicy):

@@ -8,8 +8,6 @@ failures too, judges them by Bayes' rule as in `sb3_nmp.rcnmp.skill`::
 Shape letters: E members, N candidates, F features of a trajectory.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 import torch as th
 from numpy.typing import NDArray
@@ -18,34 +16,10 @@ from torch import nn
 from sb3_nmp.common.buffer import selection_weights
 from sb3_nmp.common.judging import Wanted, features
 from sb3_nmp.common.niches import View
-from sb3_nmp.common.settings import settings_name
-from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining
+from sb3_nmp.models.ensemble import Ensemble
+from sb3_nmp.rcnmp.settings import RCNMPRewardModel
 
 FloatArray = NDArray[np.float64]
-
-
-@settings_name("rcnmp-reward-model")
-@dataclass(frozen=True)
-class RCNMPRewardModel:
-    """The ensemble that judges candidates; it is trained anew after each generation.
-
-    >>> from sb3_nmp import RCNMPRewardModel
-    >>> RCNMPRewardModel(n_steps=50).n_members
-    5
-
-    :param n_members: E; they judge in turn
-    :param arch: hidden layers of a member
-    :param n_steps: of the optimizer
-    :param temperature: half of the rows of a batch are drawn from all rollouts alike, the others
-        with probability exp(-place / temperature)
-    :param training: rate and batches
-    """
-
-    n_members: int = 5
-    arch: tuple[int, ...] = (64, 64)
-    n_steps: int = 100
-    temperature: float = 40.0
-    training: EnsembleTraining = EnsembleTraining(batch_size=64)  # noqa: RUF009 (frozen)
 
 
 def judge(

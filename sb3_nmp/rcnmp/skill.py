@@ -23,7 +23,6 @@ Shape letters: N contexts, M perturbations, E members of an ensemble, K modes fo
 weights.
 """
 
-from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
@@ -32,64 +31,15 @@ from numpy.typing import NDArray
 from torch import nn
 
 from sb3_nmp.common.contextual import Experience
-from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.regression import least_error_penalty, linear_regression
-from sb3_nmp.common.settings import settings_name
 from sb3_nmp.models.ensemble import Ensemble, EnsembleTraining
 from sb3_nmp.models.modes import sort_into_modes
 from sb3_nmp.models.skill_space import N_MOMENTS, SkillSpace
 from sb3_nmp.models.standardised import Standardised
+from sb3_nmp.rcnmp.settings import RCNMPSkill
 
 FloatArray = NDArray[np.float64]
 BETAS = (0.7, 0.95)  # of Adam in the ascent, which has but a few steps
-
-
-@settings_name("rcnmp-skill")
-@dataclass(frozen=True)
-class RCNMPSkill:
-    """RC-NMP over contexts; chosen on bottles at random and on push, seeds from 1000 on.
-
-    >>> RCNMPSkill(reward_conditioning=False).n_bases  # policy_kwargs={"skill": ...} takes it
-    8
-
-    :param n_bases: smooth bases of a trajectory, per dimension
-    :param reward_conditioning: whether the reward conditions the answer; without, it is the prior's
-    :param n_members: of the prior and of the reward model
-    :param arch: their hidden layers
-    :param prior_steps: least and most steps of the prior's training; 0.3 per rollout in between
-    :param reward_steps: the same of the reward model's; 0.6 per rollout
-    :param width: standard deviation of p(w | c) around its mean, in units of the exploration
-    :param robustness: standard deviation of the perturbations under which the reward is predicted,
-        in the same units; they keep the ascent off narrow peaks of the model
-    :param n_perturbations: M, even
-    :param ascent_steps: of Adam
-    :param ascent_rate: its learning rate
-    :param floor: standard deviation by which the reward model is uncertain at least
-    :param n_modes: the most ways to do a task that are told apart; 1 takes all for one
-    :raises ConfigurationError: no mode
-    """
-
-    n_bases: int = 8
-    reward_conditioning: bool = True
-    n_members: int = 8
-    arch: tuple[int, ...] = (64, 64)
-    prior_steps: tuple[int, int] = (30, 150)
-    reward_steps: tuple[int, int] = (60, 300)
-    width: float = 1.0
-    robustness: float = 0.7
-    n_perturbations: int = 8
-    ascent_steps: int = 30
-    ascent_rate: float = 0.05
-    floor: float = 0.1
-    n_modes: int = 1
-
-    def __post_init__(self) -> None:
-        """Check the number of modes."""
-        if not isinstance(self.n_modes, int) or self.n_modes < 1:
-            raise ConfigurationError(
-                f"n_modes is {self.n_modes!r}; it must be a whole number >= 1, where 1 takes all "
-                "that was right for one way to do the task."
-            )
 
 
 class RewardConditionedSkill(nn.Module):

@@ -16,38 +16,10 @@ from torch.distributions import Normal, kl_divergence
 from torch.func import functional_call, vmap
 from torch.optim import Optimizer
 
-from sb3_nmp.common.exceptions import ConfigurationError
 from sb3_nmp.common.lockstep import TrainingPhase
-from sb3_nmp.common.settings import settings_name
 from sb3_nmp.models.neural_process import NeuralProcess
 from sb3_nmp.models.stacking import Stack, shapes_of, stage_of
-
-
-@settings_name("rcnmp-training")
-@dataclass(frozen=True)
-class RCNMPTraining:
-    """How long and on what mini-batches RC-NMP's network is trained after each generation.
-
-    >>> from sb3_nmp import RCNMPTraining
-    >>> RCNMPTraining(n_steps=30).batch_size
-    16
-
-    :param n_steps: steps of Adam
-    :param batch_size: trajectories per step
-    :param n_target_points: random time points of each trajectory at which it is predicted
-    :param max_conditioning_points: the encoder sees 1 to this many random points
-    """
-
-    n_steps: int = 60
-    batch_size: int = 16
-    n_target_points: int = 20
-    max_conditioning_points: int = 10
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        for name, value in vars(self).items():
-            if int(value) != value or value < 1:
-                raise ConfigurationError(f"{name} is {value}; it must be a whole number >= 1.")
+from sb3_nmp.rcnmp.settings import RCNMPTraining
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from sb3_nmp.common.settings import Presets, Rules, check_rules, settings_name
+from sb3_nmp.common.settings import Rules, Settings, limits, settings_name, whole
 
 
 @settings_name("transfer-training")
 @dataclass(frozen=True)
-class TransferTraining(Presets):
+class TransferTraining(Settings):
     """How two CNMPs with a shared latent space are trained on proxy skills (Eq. 5.4).
 
     The preset ``"moment"`` is for a latent space of moments: these are met far more exactly, and
@@ -42,16 +42,14 @@ class TransferTraining(Presets):
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"moment": {"latent_weight": 1e4}}
 
-    def __post_init__(self) -> None:
-        """Check the values."""
-        low, high = self.conditioning_points
-        rules: Rules = {
-            "n_steps": (self.n_steps >= 1, ">= 1"),
-            "batch_size": (self.batch_size >= 1, ">= 1"),
-            "n_target_points": (self.n_target_points >= 1, ">= 1"),
-            "conditioning_points": (1 <= low <= high, "(low, high) with 1 <= low <= high"),
+    def rules(self) -> Rules:
+        """Return the rules of the values."""
+        return {
+            "n_steps": whole(self.n_steps, least=1),
+            "batch_size": whole(self.batch_size, least=1),
+            "n_target_points": whole(self.n_target_points, least=1),
+            "conditioning_points": limits(*self.conditioning_points, least=1),
             "latent_weight": (self.latent_weight >= 0, ">= 0"),
             "learning_rate": (self.learning_rate > 0, "> 0"),
             "weight_decay": (self.weight_decay >= 0, ">= 0"),
         }
-        check_rules(self, rules)
