@@ -99,6 +99,20 @@ def test_turbo_proposes_inside_its_region_around_the_best_and_shrinks_it() -> No
     assert spread[1] < 0.5 * spread[0]
 
 
+@pytest.mark.parametrize("told_before", [0, 1])
+def test_the_region_is_not_judged_before_the_design_is_done(told_before: int) -> None:
+    search = TuRBOSearch(SPACE, 1, TuRBOSettings(**{**TURBO.__dict__, "failure_tolerance": 1}))
+    if told_before:  # a greedy rollout, in a stream of contexts
+        search.tell(rollouts(np.zeros((1, SIZE, 1)), np.zeros(1)))
+    rng = np.random.default_rng(0)
+    search.tell(rollouts(search.ask(1, rng), np.full(1, -1.0)))
+    for _ in range(len(search._design) - 1):
+        search.tell(rollouts(search.ask(1, rng), np.full(1, -1.0)))
+    assert search.region.length == FIRST_LENGTH
+    search.tell(rollouts(search.ask(1, rng), np.full(1, -1.0)))
+    assert search.region.length < FIRST_LENGTH
+
+
 def test_an_exhausted_region_begins_anew_and_the_model_forgets() -> None:
     search = make("turbo", failure_tolerance=1)
     assert isinstance(search, TuRBOSearch)

@@ -89,6 +89,7 @@ def test_one_demonstration_without_times_and_contexts_given_apart(tmp_path: Path
         ("q1,q2", "Unnamed: 0,q2", r"the column 'Unnamed: 0', which would be a dimension"),
         ("q1,q2", "index,q2", r"the column 'index', which would be a dimension"),
         ("demonstration,time", "demonstration,time_us", r"'time_us'.*in a column 'time'"),
+        ("time,context_x", "time,timestamp", r"'timestamp', which would be a dimension"),
         ("0.2,1.5", '0.2,"1.5', r"no comma-separated text"),
     ],
 )

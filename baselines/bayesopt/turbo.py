@@ -124,7 +124,8 @@ class TuRBOSearch(BoxedSearch):
         """
         before = self.rewards[self._begin :]
         super().tell(rollouts)
-        if len(before) < len(self._design) or len(before) == 0:
+        n_begun = len(self._design) + max(0, self._first - self._begin)
+        if len(before) < n_begun or len(before) == 0:
             return
         self.region.update(float(before.max()), float(rollouts.rewards.max()))
         if self.region.is_exhausted:

@@ -1,5 +1,6 @@
 """`ResidualSearch`: CMA-ES over smooth deviations from a base trajectory, by ask and tell."""
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, cast
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.primitives.pd_filtered import bends
+from sb3_nmp.common.exceptions import ResumeWarning
 from sb3_nmp.common.noise import SmoothNoise
 from sb3_nmp.common.pd_controller import PDController
 from sb3_nmp.common.rollouts import Generation
@@ -167,10 +169,10 @@ class ResidualSearch:
         self._begin()
         self._normals.again = list(state["normals"])
         for event in state["history"]:
-            if isinstance(event, int):
-                self._ask(event)
-            else:
+            if isinstance(event, np.ndarray):
                 self._tell(event)
+            else:
+                self._ask(event)
 
     @property
     def mean(self) -> FloatArray:
@@ -189,9 +191,19 @@ class ResidualSearch:
     def ask(self, n: int, rng: np.random.Generator) -> FloatArray:
         """Return n trajectories to try, shape (n, T, D); a new search's first one is the base's.
 
-        :param n: how many: the population size
+        :param n: how many: the population size. CMA-ES selects from the one that it was begun with,
+            so with a smaller one it begins anew
         :param rng: the generator to draw from
         """
+        if n < self.population_size:
+            warnings.warn(
+                f"CMA-ES was begun with generations of {self.population_size} rollouts, and they "
+                f"have {n} now: its search begins anew.",
+                ResumeWarning,
+                stacklevel=6,
+            )
+            self.population_size = n
+            self._begin()
         self._normals.rng = rng
         asked = self._ask(n)
         self._normals.rng = None
@@ -199,7 +211,7 @@ class ResidualSearch:
 
     def _ask(self, n: int) -> list[FloatArray]:
         """Return n vectors of parameters, each of shape (P,)."""
-        self._history.append(n)
+        self._history.append(int(n))
         asked = [np.asarray(x, np.float64) for x in self._strategy.ask(n)]
         if self._is_new:
             asked[0] = self.mean

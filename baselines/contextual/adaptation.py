@@ -174,6 +174,7 @@ def adapt(strategy: Strategy, tried: Tried, constants: Constants, ridge: float) 
     length, generation = float(np.linalg.norm(step_path)), old.generation + 1
     stationary = 1.0 - (1.0 - k.step_path) ** (2 * generation)
     p = k.n_parameters
+    # with the root, as BOLeRo has it; Hansen's rule for a squared length has none
     is_short = float(length**2 / p / np.sqrt(stationary) < 2.0 + 4.0 / (p + 1.0))
     path = (1.0 - k.path) * old.path
     path = path + is_short * np.sqrt(k.path * (2.0 - k.path) * k.mu) * moved

@@ -55,14 +55,13 @@ class ContextualCMAES(GaussianSearch):
         ridge: float = 1e-2,
         **shared: Unpack[GaussianArguments],
     ) -> None:
-        self.context_features: Features = context_features
+        chosen = {"context_features": context_features} | (shared.get("policy_kwargs") or {})
+        shared["policy_kwargs"] = chosen
+        self.context_features: Features = chosen["context_features"]
         self.value_features: Features = value_features
         self.ridge = ridge
         self._strategy: Strategy | None = None
         self._scale: FloatArray | None = None
-        shared["policy_kwargs"] = {"context_features": context_features} | (
-            shared.get("policy_kwargs") or {}
-        )
         super().__init__(policy, env, population_size=population_size, **shared)
 
     def _rules(self) -> Rules:

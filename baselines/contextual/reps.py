@@ -59,11 +59,10 @@ class ContextualREPS(REPS):
         value_features: Features = "quadratic",
         **shared: Unpack[ContextualREPSArguments],
     ) -> None:
-        self.context_features: Features = context_features
+        chosen = {"context_features": context_features} | (shared.get("policy_kwargs") or {})
+        shared["policy_kwargs"] = chosen
+        self.context_features: Features = chosen["context_features"]
         self.value_features: Features = value_features
-        shared["policy_kwargs"] = {"context_features": context_features} | (
-            shared.get("policy_kwargs") or {}
-        )
         super().__init__(policy, env, population_size=population_size, **shared)
 
     def _rules(self) -> Rules:

@@ -89,8 +89,9 @@ def solve(rewards: FloatArray, epsilon: float) -> Solution:
 
     Scale-free: rewards are standardised and log eta is bounded (`ETA_BOUNDS`), so that eta can
     neither vanish nor blow up. The minimum is where the derivative is 0, and where that lies
-    beyond the lower bound (fewer than ``exp(-epsilon) N`` samples share the best reward), at the
-    bound. Equal rewards give equal weights.
+    beyond the lower bound (more than ``exp(-epsilon) N`` samples share the best reward, or one lies
+    very far below all others), at the bound, where the divergence stays below epsilon. Equal
+    rewards give equal weights.
 
     :param rewards: R, shape (N,)
     :param epsilon: bound on KL(p || uniform), in nats, > 0

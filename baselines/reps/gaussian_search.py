@@ -109,8 +109,7 @@ class GaussianSearch(TrajectoryAlgorithm):
             else:
                 self.policy.start_from(self.initial_trajectory(), self.first_scale())
             self._started = True
-        if self.rollouts_per_context > 1:
-            self._contexts = self._draw_contexts()
+        self._contexts = self._draw_contexts() if self.rollouts_per_context > 1 else None
         factor = np.linalg.cholesky(self.policy.gaussian.covariance)
         noise = self.rng.standard_normal((self.population_size, len(factor)))
         self._deviations = noise @ factor.T

@@ -5,6 +5,7 @@ from demonstrations is tried in its contexts; where a rollout is not satisfactor
 context starts (`ContextSearch`); once a rollout is satisfactory, it is assimilated.
 """
 
+import warnings
 from abc import abstractmethod
 from typing import Any, ClassVar, Unpack, cast
 
@@ -20,11 +21,17 @@ from sb3_nmp.common.context_search import ContextSearch, Proposals, Search, ask_
 from sb3_nmp.common.demonstrations import Demonstrations, check_type
 from sb3_nmp.common.elites import SAME_CONTEXT
 from sb3_nmp.common.environment import check_achieved, check_multiple
-from sb3_nmp.common.exceptions import ConfigurationError, InvalidDataError
+from sb3_nmp.common.exceptions import ConfigurationError, InvalidDataError, ResumeWarning
 from sb3_nmp.common.policies import ElitePolicy
 from sb3_nmp.common.rollouts import Generation, Information
 from sb3_nmp.common.settings import Rules
 
+#: arguments that a search under way follows; it keeps the others as it began with them
+FOLLOWED = {
+    *("population_size", "max_generations", "n_contexts", "reward_threshold", "learning_rate"),
+    *("adaptation", "pretraining", "demonstrations", "seed", "device"),
+    *("verbose", "tensorboard_log", "stats_window_size"),
+}
 #: demonstrations that a search in a pinned context begins anew from
 N_ELSEWHERE = 3
 
@@ -169,6 +176,16 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
         """Return the demonstrations together with what was assimilated."""
         shown, found = cast(Demonstrations, self.demonstrations), self.replay_buffer
         return shown.joined_with(found.contexts, found.trajectories) if len(found) else shown
+
+    def _tell_late(self, given: dict[str, Any]) -> None:
+        kept = sorted(set(given) - FOLLOWED)
+        if kept and self.searches:
+            warnings.warn(
+                f"the search under way keeps {' and '.join(kept)} as it began with them; the next "
+                "one takes what is given. Train a new model to have it from the first rollout.",
+                ResumeWarning,
+                stacklevel=3,
+            )
 
     def _context_unit(self) -> NDArray[np.float64]:
         """Return the standard deviation of each entry of the demonstrated contexts, shape (C,).

@@ -124,8 +124,8 @@ def _check_header(path: str, header: list[str]) -> None:
             f"{path} has the header '{header[0]}', whose names are separated by {found[0]!r}; "
             "names and values must be separated by commas: write the file with that delimiter."
         )
-    times = [name for name in header if MEANS_TIME.fullmatch(name)]
-    if times and TIME not in header:
+    times = [name for name in header if MEANS_TIME.fullmatch(name) and name != TIME]
+    if times:
         raise FileFormatError(
             f"{path} has the column '{times[0]}', which would be a dimension of the trajectory; "
             f"times stand in a column '{TIME}': rename it, or leave it out where points have equal "

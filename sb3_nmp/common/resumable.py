@@ -133,8 +133,15 @@ class ResumableAlgorithm(SafeFiles):
                     f"{name} is {given[name]!r}, but the model was made with {value!r}, which can "
                     "no longer be changed: leave it out, or train a new model."
                 )
+        model._tell_late(given)
         return model
 
     def _made_with(self) -> dict[str, Any]:
         """Return the constructor's arguments that no loading can change, with their values."""
         return {}
+
+    def _tell_late(self, given: dict[str, Any]) -> None:
+        """Tell of arguments that what is under way does not follow; by default, all is followed.
+
+        :param given: what loading changes, by name
+        """

@@ -164,6 +164,7 @@ class SkillSearch(BufferedAlgorithm):
 
     def _begin_exploration(self, search: ContextualSearch) -> None:
         """Draw the noise of a generation in new contexts."""
+        search.exploration = self.contextual  # which loading may have changed
         skill, n = self._skill, self.population_size
         scales = search.scales(self.rng, n, skill.is_ready)
         self._noise = scales[:, None] * self.rng.standard_normal((n, skill.space.n_weights))

@@ -19,8 +19,9 @@ class ConditionalNeuralProcess(nn.Module):
     4.3. The points' representations, each encoded together with the task parameters, are averaged.
     Without a conditioning point, the representation comes from the task parameters alone, by a
     network of its own. The decoder is given the task parameters too, as in the thesis. With
-    ``context_in_decoder=False`` they reach it through the representation alone, which therefore has
-    to hold all that tells trajectories apart: moving in it moves between demonstrated skills.
+    ``context_in_decoder=False`` and no fitted trend they reach it through the representation alone,
+    which therefore has to hold all that tells trajectories apart: moving in it moves between
+    demonstrated skills.
 
     :param value_dim: D
     :param condition_dim: K, the task parameters
@@ -75,7 +76,7 @@ class ConditionalNeuralProcess(nn.Module):
 
         :param times: target times, shape (T,) or (B, T)
         :param representation: r, shape (B, E * Z)
-        :param condition: shape (B, K); without effect unless ``condition_in_decoder``
+        :param condition: shape (B, K); without effect unless the decoder or its trend is given it
         """
         found = self.decode_members(times, self.split(representation), condition)
         if self.n_members == 1:

@@ -15,7 +15,7 @@ from sb3_nmp.common.noise import SmoothNoise
 FloatArray = NDArray[np.float64]
 
 RAMP = 0.1  # share of the time in which deviations grow from 0 at a pinned end
-RIDGE = 1e-3  # of the weights of a given trajectory, in units of the bases' own square
+RIDGE = 1e-3  # of the weights of a given trajectory, beside sums of T squares
 N_MOMENTS = 20  # at which networks look at a trajectory
 
 
