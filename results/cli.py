@@ -218,11 +218,9 @@ def run(options: argparse.Namespace) -> int:
 
         name = task_slug(options.task)
         recipe = make_recipe(options.task, options.algorithm, options.imports)
-    elif options.algorithm or options.imports:
-        raise BenchmarkError(
-            "--algorithm goes with --task, as --import does; suites name their own."
-        )
-    recipe = recipe or find_recipe(name)
+    elif options.algorithm:
+        raise BenchmarkError("--algorithm goes with --task; suites name their own.")
+    recipe = recipe or find_recipe(name, options.imports)
     suite = make_suite(name, recipe, seeds, options.budget, options.algorithms)
     folder = options.out or RUNS / suite.name
     if folder.exists() and not folder.is_dir():

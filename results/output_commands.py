@@ -78,7 +78,7 @@ def add_import(parser: argparse.ArgumentParser) -> None:
     """
     parser.add_argument(
         "--import", nargs="+", default=[], dest="imports", metavar="MODULE",
-        help="modules that register tasks or hold algorithms of your own",
+        help="modules that register tasks or suites, or hold algorithms, of your own",
     )  # fmt: skip
 
 

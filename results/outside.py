@@ -20,13 +20,18 @@ def find_algorithm(name: str) -> Algorithm:
     ('sb3_nmp:RCNMP', 'baselines:REPS')
 
     :param name: a stable name, an entry point's name, or ``"module:Class"``
-    :raises BenchmarkError: none of these
+    :raises BenchmarkError: none of these, or both of the first two
     """
     if ":" in name:
         return Algorithm(name, name)
     outside = outside_algorithms()
     known = [*BY_NAME, *(each for each in outside if each not in BY_NAME)]
     found = find_label(name, known, "the benchmark, with all installed packages,")
+    if found in BY_NAME and found in outside:
+        raise BenchmarkError(
+            f"'{found}' is a name of the benchmark and of an entry point: say which is meant by "
+            f"its class, {BY_NAME[found].path} or {outside[found]}."
+        )
     return BY_NAME[found] if found in BY_NAME else Algorithm(found, outside[found])
 
 

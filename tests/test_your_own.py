@@ -17,6 +17,7 @@ from results.harness.runner import run_and_write
 from results.harness.specification import Algorithm, RunSpecification
 from results.one_context.protocol import OneContext
 from results.outside import find_algorithm
+from results.suites import find_recipe
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs/your_own.md").read_text(encoding="utf-8")
@@ -63,16 +64,18 @@ def test_the_package_is_installed_run_by_its_entry_points_and_drawn(
     runs = tmp_path / "runs"
     script = f"""
 from results.cli import main
-asked = ["run", "--task", "{TASK}", "--algorithm", "random-search", "ga"]
+from results.outside import find_algorithm
+assert find_algorithm("smooth-noise").path == "mylab.algos:RandomSearch"
+asked = ["run", "--task", "{TASK}", "--algorithm", "smooth-noise", "ga"]
 assert main([*asked, "--budget", "20", "--seeds", "2", "--workers", "2", "--out", "{runs}"]) == 0
-drawn = "{runs}/random-search_mylab-hitball-v0_seed-000.json"
+drawn = "{runs}/smooth-noise_mylab-hitball-v0_seed-000.json"
 assert main(["render", "{TASK}", "--run", drawn, "--out", "{tmp_path}/hit.gif"]) == 0
 assert main(["table", "--runs", "{runs}"]) == 0
 """
     done = elsewhere(tmp_path, script, target)
     assert done.returncode == 0, done.stderr
     records = read_records(runs).records
-    assert {record.specification.label for record in records} == {"random-search", "ga"}
+    assert {record.specification.label for record in records} == {"smooth-noise", "ga"}
     assert all(record.finished and len(record.curve["rollouts"]) == 20 for record in records)
     with Image.open(tmp_path / "hit.gif") as film:
         assert getattr(film, "n_frames", 1) > 10
@@ -108,6 +111,28 @@ def test_a_module_that_a_worker_cannot_import_is_told_in_the_runs_record(tmp_pat
     assert not record.finished
     assert "module 'no_such_module' of --import cannot be imported" in record.reason
     assert "Every worker process imports it" in record.reason and "PYTHONPATH" in record.reason
+
+
+def test_a_suite_of_another_package_is_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "lab_suites.py").write_text(
+        "from results.algorithms import GA\n"
+        "from results.harness.suite import Recipe\n"
+        "from results.one_context.protocol import OneContext\n"
+        "from results.suites import register_suite\n"
+        "task = {'nmp/ViaPoints-v0': {'n_points': 2}}\n"
+        "register_suite('lab', Recipe({'GA': GA}, task, 20, 2, (OneContext(),)))\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    asked = ["run", "--suite", "lab", "--workers", "2", "--out", str(tmp_path / "runs")]
+    assert main(asked) == 2
+    assert "no suite 'lab' is registered" in capsys.readouterr().err
+    monkeypatch.setattr("results.suites._REGISTERED", {})
+    assert main([*asked, "--import", "lab_suites"]) == 0
+    runs = read_records(tmp_path / "runs").records
+    assert [each.finished for each in runs] == [True, True]
+    assert find_recipe("lab", ["lab_suites"]).imports == ("lab_suites",)
 
 
 def test_a_module_that_breaks_when_imported_is_told(
@@ -147,7 +172,14 @@ def test_wrong_usage_is_told(
     assert message in capsys.readouterr().err
 
 
-def test_names_of_the_benchmark_go_before_those_of_others() -> None:
+def test_a_name_of_the_benchmark_and_of_another_package_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     assert find_algorithm("RCNMP").path == "sb3_nmp:RCNMP"
+    theirs = {"rcnmp": "mylab.algos:Other", "other": "mylab.algos:Other"}
+    monkeypatch.setattr("results.outside.outside_algorithms", lambda: theirs)
+    assert find_algorithm("other").path == "mylab.algos:Other"
+    with pytest.raises(BenchmarkError, match=r"its class, sb3_nmp:RCNMP or mylab\.algos:Other"):
+        find_algorithm("rcnmp")
     with pytest.raises(BenchmarkError, match="module:Class"):
         find_algorithm("results.cli:Nothing").load()

@@ -24,11 +24,20 @@ def bring_in(modules: Iterable[str], task: str) -> None:
     :param task: its id; where it is not registered then, entry points are asked
     :raises BenchmarkError: a module cannot be imported
     """
-    for module in modules:
-        _import(module, "--import")
+    import_modules(modules)
     if task not in task_ids():
         for point in sorted(entry_points(group=TASKS), key=lambda point: point.name):
             _import(point.module, f"the entry point '{point.name}'")
+
+
+def import_modules(modules: Iterable[str]) -> None:
+    """Import modules of others; those in the working directory are found too.
+
+    :param modules: their names
+    :raises BenchmarkError: one cannot be imported
+    """
+    for module in modules:
+        _import(module, "--import")
 
 
 def outside_algorithms() -> dict[str, str]:

@@ -6,6 +6,8 @@ which no reported run uses.
 """
 
 import ast
+from collections.abc import Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -44,16 +46,22 @@ def describe_suites() -> dict[str, str]:
     return lines
 
 
-def find_recipe(name: str) -> "Recipe":
+def find_recipe(name: str, modules: Sequence[str] = ()) -> "Recipe":
     """Return what a suite is made of.
 
     :param name: of the suite
-    :raises BenchmarkError: there is none of that name
+    :param modules: to import first, here and in every worker; they may register it
+    :raises BenchmarkError: there is none of that name, or a module cannot be imported
     """
+    from results.harness.plugins import import_modules
+
+    import_modules(modules)
     if name in _REGISTERED:
-        return _REGISTERED[name]
-    check_suite(name)
-    return import_module(f"{__name__}.{name.replace('-', '_')}").RECIPE
+        recipe = _REGISTERED[name]
+    else:
+        check_suite(name)
+        recipe = import_module(f"{__name__}.{name.replace('-', '_')}").RECIPE
+    return replace(recipe, imports=(*recipe.imports, *modules)) if modules else recipe
 
 
 def check_suite(name: str) -> None:
