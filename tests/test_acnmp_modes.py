@@ -8,6 +8,8 @@ import pytest
 import torch as th
 
 from sb3_nmp import ACNMP, CNMPArchitecture, CNMPPretraining, ConfigurationError, Demonstrations
+from sb3_nmp.models.cnmp import CNMP
+from sb3_nmp.models.cnmp_training import pretrain
 from sb3_nmp.models.mode_gate import ModeGate
 from tests.test_mixed import Detour, detours
 
@@ -122,6 +124,20 @@ def test_a_gate_never_chooses_what_was_never_taken() -> None:
     gate.learn(th.as_tensor(UNSEEN), np.where(UNSEEN[:, 0] > 0, 2, 1))
     assert gate.is_taken.tolist() == [False, True, True]
     assert gate(th.tensor([[-0.8], [0.8]])).tolist() == [1, 2]
+
+
+def test_each_mode_begins_as_a_regression_of_its_own() -> None:
+    """One way rises with the context, the other falls: no offset can tell them apart."""
+    contexts, ways = np.linspace(-1.0, 1.0, 16)[:, None], np.tile([1.0, -1.0], 8)
+    heights = ways * (2.0 + contexts[:, 0])
+    bump = np.sin(np.linspace(0.0, np.pi, 20))
+    shown = Demonstrations(contexts, (heights[:, None] * bump)[..., None])
+    cnmp = CNMP(1, (20, 1), CNMPArchitecture(n_modes=2))
+    pretrain(shown, CNMPPretraining(n_steps=0), np.random.default_rng(0), cnmp)
+    answers = cnmp.each_mode(th.tensor([[-0.5], [0.7]])).numpy()[:, :, 10, 0]
+    expected = np.array([[1.5, -1.5], [2.7, -2.7]])
+    found = answers if answers[0, 0] > 0 else answers[:, ::-1]
+    np.testing.assert_allclose(found, expected, rtol=0.1)
 
 
 def test_modes_survive_saving_and_a_stream(two: ACNMP, tmp_path: Path) -> None:

@@ -186,6 +186,20 @@ def test_only_the_newest_answers_are_remembered() -> None:
     assert outcomes.tried_contexts[0].item() == 2 * N_REMEMBERED
 
 
+def test_failures_are_forgotten_last_and_take_at_most_half() -> None:
+    outcomes, n = ModeSuccess(1, 1), N_REMEMBERED
+    for start, succeeds in ((0, False), (20, True), (20 + 2 * n, False)):
+        n_told = 20 if start == 0 else 2 * n if succeeds else n
+        some = start + th.arange(n_told, dtype=th.float32)[:, None]
+        outcomes.remember(some, th.zeros(n_told, dtype=th.long), th.full((n_told,), succeeds))
+        if succeeds:  # the 20 first ones failed, and are still known
+            assert outcomes.tried_contexts[:20, 0].tolist() == list(range(20))
+            assert len(outcomes.tried_contexts) == n and not outcomes.tried_successes[:20].any()
+    assert int((~outcomes.tried_successes).sum()) == n // 2
+    assert outcomes.tried_contexts[-1].item() == 20 + 3 * n - 1
+    assert (outcomes.tried_contexts.diff(dim=0) > 0).all()  # in order
+
+
 def test_before_any_failure_the_gate_says_which_way_was_shown() -> None:
     shown = th.linspace(-1.0, 1.0, 20)[:, None]
     ways = (shown[:, 0] > 0).long().numpy()

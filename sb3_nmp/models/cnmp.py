@@ -63,7 +63,7 @@ class CNMP(nn.Module):
         n_time_points, n_dimensions = trajectory_shape
         n_modes = architecture.n_modes
         self.gate = ModeGate(context_dim, n_modes) if n_modes > 1 else None
-        condition_dim = context_dim + (n_modes if n_modes > 1 else 0)
+        condition_dim = context_dim + (n_modes * (context_dim + 1) if n_modes > 1 else 0)
         self.network = ConditionalNeuralProcess(n_dimensions, condition_dim, architecture)
         self.has_fitted_trend = architecture.has_fitted_trend
         self.register_buffer("times", th.linspace(0.0, 1.0, n_time_points))
@@ -101,7 +101,10 @@ class CNMP(nn.Module):
     def condition(self, contexts: th.Tensor, modes: th.Tensor | None = None) -> th.Tensor:
         """Return what the network is conditioned on, shape (B, K): contexts, then the mode.
 
-        Contexts have a standard deviation of 1. The mode is one-hot; without a gate there is none.
+        Contexts have a standard deviation of 1. Without a gate there is no mode. With one, each
+        mode has a block of its own, of the context and 1, and those of the other modes are 0: so
+        the trend has slopes for each mode, not an offset alone. A way round the right of something
+        answers its place otherwise than a way round the left.
 
         :param contexts: shape (B, C)
         :param modes: shape (B,); by default the gate's choice
@@ -110,7 +113,9 @@ class CNMP(nn.Module):
         if self.gate is None:
             return seen
         chosen = self.gate(seen) if modes is None else modes
-        return th.cat([seen, nn.functional.one_hot(chosen, self.gate.n_modes).to(seen)], dim=1)
+        mode = nn.functional.one_hot(chosen, self.gate.n_modes).to(seen)
+        own = mode[:, :, None] * seen[:, None, :]
+        return th.cat([seen, own.flatten(1), mode], dim=1)
 
     def condition_near(self, contexts: th.Tensor, points: Points | None) -> th.Tensor:
         """Return the condition in the mode whose answer is nearest to via-points, shape (B, K).

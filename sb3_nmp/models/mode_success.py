@@ -15,7 +15,7 @@ from torch import nn
 
 from sb3_nmp.common.growing import GrowingModule
 
-#: answers that are remembered, the newest ones
+#: answers that are remembered: of failures the newest ones, at most half, and the newest successes
 N_REMEMBERED = 300
 #: learned anew when so many times the answers are known
 RELEARN = 1.1
@@ -88,7 +88,10 @@ class ModeSuccess(GrowingModule):
         self.n_tried += len(modes)
         for name, new in (("contexts", contexts), ("modes", modes), ("successes", successes)):
             known = getattr(self, f"tried_{name}")
-            setattr(self, f"tried_{name}", th.cat([known, new.to(known)])[-N_REMEMBERED:])
+            setattr(self, f"tried_{name}", th.cat([known, new.to(known)]))
+        kept = worth_keeping(self.tried_successes, N_REMEMBERED)
+        for name in ("contexts", "modes", "successes"):
+            setattr(self, f"tried_{name}", getattr(self, f"tried_{name}")[kept])
 
     def learn(self, shown: th.Tensor, modes: th.Tensor) -> None:
         """Learn from what was tried, and from demonstrations, which succeed in their mode.
@@ -123,3 +126,20 @@ class ModeSuccess(GrowingModule):
         """
         squares = (contexts[:, None] - self.contexts).square().sum(dim=2)
         return self.variance * th.exp(-0.5 * squares / self.length.square()) @ self.weights
+
+
+def worth_keeping(successes: th.Tensor, n: int) -> th.Tensor:
+    """Return the rows of at most n answers, in order; successes are forgotten before failures.
+
+    Where most answers succeed, the failures tell where modes end. Forgetting them let the choice of
+    the mode become worse again after 300 answers (``results/experiments/acnmp.md``).
+
+    >>> worth_keeping(th.tensor([False, True, True, False, True, True]), 4).tolist()
+    [0, 3, 4, 5]
+
+    :param successes: of answers, oldest first, shape (M,)
+    :param n: even
+    """
+    failed, succeeded = th.where(~successes)[0][-n // 2 :], th.where(successes)[0]
+    n_forgotten = max(0, len(succeeded) + len(failed) - n)
+    return th.cat([failed, succeeded[n_forgotten:]]).sort().values
