@@ -57,7 +57,7 @@ class ContextualCMAES(GaussianSearch):
     ) -> None:
         chosen = {"context_features": context_features} | (shared.get("policy_kwargs") or {})
         shared["policy_kwargs"] = chosen
-        self.context_features: Features = chosen["context_features"]
+        self.context_features: Features = cast(Features, chosen["context_features"])
         self.value_features: Features = value_features
         self.ridge = ridge
         self._strategy: Strategy | None = None

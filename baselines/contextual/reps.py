@@ -1,6 +1,6 @@
 """`ContextualREPS`: relative entropy policy search whose one distribution spans all contexts."""
 
-from typing import ClassVar, Unpack
+from typing import ClassVar, Unpack, cast
 
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
@@ -61,7 +61,7 @@ class ContextualREPS(REPS):
     ) -> None:
         chosen = {"context_features": context_features} | (shared.get("policy_kwargs") or {})
         shared["policy_kwargs"] = chosen
-        self.context_features: Features = chosen["context_features"]
+        self.context_features: Features = cast(Features, chosen["context_features"])
         self.value_features: Features = value_features
         super().__init__(policy, env, population_size=population_size, **shared)
 
