@@ -74,5 +74,5 @@ def test_rows_that_name_the_thesis_have_its_likelihood() -> None:
 
 @pytest.mark.parametrize("wrong", [-0.1, 1.5, float("nan")])
 def test_a_power_that_nothing_is_known_of_is_refused(wrong: float) -> None:
-    with pytest.raises(ConfigurationError, match=rf"beta_nll is {wrong}; it must lie in \[0, 1\]"):
+    with pytest.raises(ConfigurationError, match=rf"beta_nll is {wrong}; it must be in \[0, 1\]"):
         CNMPArchitecture(beta_nll=wrong)
