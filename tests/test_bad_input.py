@@ -241,11 +241,11 @@ BAD: dict[str, tuple[Call, tuple[str, ...]]] = {
     ),
     "steps as a text": (
         lambda _: CNMPPretraining(n_steps="many"),  # type: ignore[arg-type]
-        ("n_steps is 'many'", "must be a whole number"),
+        ("n_steps is 'many'", "a whole number >= 0"),
     ),
     "noise as a text": (
         lambda _: SmoothNoise(sigma="x"),  # type: ignore[arg-type]
-        ("sigma is 'x'", "a number or a tuple of numbers"),
+        ("sigma is 'x'", "finite and >= 0"),
     ),
     "noise with bases as a text": (
         lambda _: SmoothNoise(n_bases="x"),  # type: ignore[arg-type]

@@ -46,7 +46,7 @@ def test_fewer_bases_give_smoother_noise() -> None:
     [
         ({"sigma": -0.1}, "finite and >= 0"),
         ({"sigma": math.nan}, "finite and >= 0"),
-        ({"sigma": 0.1, "n_bases": 1}, "a whole number >= 2"),
+        ({"sigma": 0.1, "n_bases": 1}, "at least 2"),
         ({"sigma": 0.1, "width": 0.0}, "> 0"),
     ],
 )

@@ -353,9 +353,7 @@ def test_a_stream_of_one_mode_has_the_settings_of_old_records() -> None:
 
 def test_what_cannot_be_is_refused() -> None:
     for wrong in (0, -1, 1.5):
-        with pytest.raises(
-            ConfigurationError, match=rf"n_modes is {wrong}; it must be a whole number"
-        ):
+        with pytest.raises(ConfigurationError, match=rf"n_modes is {wrong}; .*>= 1"):
             RCNMPSkill(n_modes=wrong)  # pyright: ignore[reportArgumentType]
     with pytest.raises(BenchmarkError, match="modes is 'both'; a stream shows first or mixed"):
         Stream(modes="both")  # pyright: ignore[reportArgumentType]

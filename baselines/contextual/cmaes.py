@@ -7,7 +7,13 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv
 
 from baselines.contextual.adaptation import Constants, Strategy, Tried, adapt
-from baselines.contextual.features import Features, FloatArray, features_rules, make_features
+from baselines.contextual.features import (
+    Features,
+    FloatArray,
+    choose_features,
+    features_rules,
+    make_features,
+)
 from baselines.contextual.policies import ContextualGaussianPolicy
 from baselines.reps.gaussian import LinearGaussian
 from baselines.reps.gaussian_search import GaussianArguments, GaussianSearch
@@ -55,9 +61,8 @@ class ContextualCMAES(GaussianSearch):
         ridge: float = 1e-2,
         **shared: Unpack[GaussianArguments],
     ) -> None:
-        chosen = {"context_features": context_features} | (shared.get("policy_kwargs") or {})
-        shared["policy_kwargs"] = chosen
-        self.context_features: Features = cast(Features, chosen["context_features"])
+        shared["policy_kwargs"] = chosen = choose_features(context_features, shared)
+        self.context_features: Features = chosen["context_features"]
         self.value_features: Features = value_features
         self.ridge = ridge
         self._strategy: Strategy | None = None

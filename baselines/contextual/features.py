@@ -1,6 +1,7 @@
 """Features of a context in which means and values are linear."""
 
-from typing import Literal, get_args
+from collections.abc import Mapping
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,15 @@ def feature_rule(kind: str) -> tuple[bool, str]:
     :param kind: of the features
     """
     return kind in get_args(Features), f"one of {', '.join(get_args(Features))}"
+
+
+def choose_features(kind: Features, shared: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a policy's arguments with the features of the mean, which may be among them.
+
+    :param kind: of features, where the policy's arguments name none
+    :param shared: an algorithm's arguments, with ``policy_kwargs`` or without
+    """
+    return {"context_features": kind} | (shared.get("policy_kwargs") or {})
 
 
 def features_rules(context_features: str, value_features: str) -> Rules:

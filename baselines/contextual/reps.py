@@ -1,11 +1,16 @@
 """`ContextualREPS`: relative entropy policy search whose one distribution spans all contexts."""
 
-from typing import ClassVar, Unpack, cast
+from typing import ClassVar, Unpack
 
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 
-from baselines.contextual.features import Features, features_rules, make_features
+from baselines.contextual.features import (
+    Features,
+    choose_features,
+    features_rules,
+    make_features,
+)
 from baselines.contextual.policies import ContextualGaussianPolicy
 from baselines.contextual.reps_dual import solve
 from baselines.reps.dual import Solution
@@ -59,9 +64,8 @@ class ContextualREPS(REPS):
         value_features: Features = "quadratic",
         **shared: Unpack[ContextualREPSArguments],
     ) -> None:
-        chosen = {"context_features": context_features} | (shared.get("policy_kwargs") or {})
-        shared["policy_kwargs"] = chosen
-        self.context_features: Features = cast(Features, chosen["context_features"])
+        shared["policy_kwargs"] = chosen = choose_features(context_features, shared)
+        self.context_features: Features = chosen["context_features"]
         self.value_features: Features = value_features
         super().__init__(policy, env, population_size=population_size, **shared)
 

@@ -30,7 +30,7 @@ from sb3_nmp.common.settings import Rules
 FOLLOWED = {
     *("population_size", "max_generations", "n_contexts", "reward_threshold", "learning_rate"),
     *("adaptation", "pretraining", "demonstrations", "seed", "device"),
-    *("verbose", "tensorboard_log", "stats_window_size"),
+    *("verbose", "tensorboard_log", "stats_window_size", "policy_kwargs"),
 }
 #: demonstrations that a search in a pinned context begins anew from
 N_ELSEWHERE = 3
@@ -178,7 +178,7 @@ class AdaptiveAlgorithm(BufferedAlgorithm):
         return shown.joined_with(found.contexts, found.trajectories) if len(found) else shown
 
     def _tell_late(self, given: dict[str, Any]) -> None:
-        kept = sorted(set(given) - FOLLOWED)
+        kept = sorted(set(given) - FOLLOWED - set(self._made_with()))  # those are as they were
         if kept and self.searches:
             warnings.warn(
                 f"the search under way keeps {' and '.join(kept)} as it began with them; the next "

@@ -2,7 +2,7 @@
 
 import inspect
 import types
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from numbers import Integral, Real
 from typing import Any, Literal, TypeGuard, Union, get_args, get_origin
 
@@ -27,13 +27,23 @@ def check_types(cls: type, given: Mapping[str, Any]) -> None:
     :param given: arguments by name
     :raises ConfigurationError: one is of another type
     """
+    for name, asked in misfits(cls, given):
+        raise ConfigurationError(f"{name} is {given[name]!r}; it must be {asked}.")
+
+
+def misfits(cls: type, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Name the arguments of a constructor that are of another type, with the type in words.
+
+    :param cls: the class
+    :param given: arguments by name
+    """
     parameters = inspect.signature(cls).parameters
     for name, value in given.items():
         if name not in parameters or name in CHECKED_ELSEWHERE:
             continue
         declared = parameters[name].annotation
         if not fits(value, declared):
-            raise ConfigurationError(f"{name} is {value!r}; it must be {in_words(declared)}.")
+            yield name, in_words(declared)
 
 
 def is_whole(value: object) -> TypeGuard[int]:
@@ -52,6 +62,8 @@ def fits(value: object, declared: Any) -> bool:  # noqa: ANN401
 
     >>> fits(3, int), fits("3", int), fits((1.0, 2), tuple[float, ...]), fits(None, int | None)
     (True, False, True, True)
+    >>> fits(bool, type[int]), fits(str, type[int])
+    (True, False)
 
     :param value: any
     :param declared: an annotation
@@ -68,6 +80,8 @@ def fits(value: object, declared: Any) -> bool:  # noqa: ANN401
         )
     if origin is dict:
         return isinstance(value, Mapping)
+    if origin is type:
+        return isinstance(value, type) and issubclass(value, arguments[0])
     if declared is None or declared is type(None):
         return value is None
     if declared in (int, float):
@@ -97,6 +111,8 @@ def in_words(declared: Any) -> str:  # noqa: ANN401
         return f"a tuple of {number}numbers"
     if origin is dict:
         return "a dictionary"
+    if origin is type:
+        return f"a subclass of {arguments[0].__name__}"
     if declared is None or declared is type(None):
         return "None"
     known = {int: "a whole number", float: "a number", bool: "True or False", str: "a text"}

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_nmp.common.settings import Rules, Settings, settings_name, whole
+from sb3_nmp.common.settings import Rules, Settings, settings_name
 
 LEAST_WIDTH = 0.05  # of a basis, in units of the bases' spacing
 
@@ -39,7 +39,7 @@ class SmoothNoise(Settings):
         sigma = np.asarray(self.sigma)
         return {
             "sigma": (bool(np.all((sigma >= 0) & np.isfinite(sigma))), "finite and >= 0"),
-            "n_bases": whole(self.n_bases, least=2),
+            "n_bases": (self.n_bases >= 2, "a whole number, and at least 2"),
             "width": (
                 LEAST_WIDTH <= self.width < np.inf,
                 f"> 0, and at least {LEAST_WIDTH}: narrower bases leave gaps between them. 1 is "

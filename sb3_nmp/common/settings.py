@@ -9,7 +9,7 @@ such as a search that is under way: ``@saved_state("critic-search")``.
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Self, TypeVar
 
-from sb3_nmp.common.argument_types import check_types
+from sb3_nmp.common.argument_types import misfits
 from sb3_nmp.common.exceptions import ConfigurationError
 
 #: by a setting's name: whether its value fits, and the rule in words
@@ -147,14 +147,19 @@ def check_rules(owner: object, rules: Rules) -> None:
 class Settings:
     """Base of the settings of algorithms: checked when they are made, some to be had by name.
 
+    All values have defaults.
+
     :raises ConfigurationError: a value of another type than is declared, or that breaks a rule
     """
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
 
     def __post_init__(self) -> None:
-        """Check types, then rules."""
-        check_types(type(self), vars(self))
+        """Check types, then rules; a wrong type is told with its rule, too."""
+        for name, asked in misfits(type(self), vars(self)):
+            rule = type(self)().rules().get(name, (True, ""))[1]
+            told = rule if rule.startswith(asked) else f"{asked}, {rule}".rstrip(", ")
+            raise ConfigurationError(f"{name} is {getattr(self, name)!r}; it must be {told}.")
         check_rules(self, self.rules())
 
     def rules(self) -> Rules:

@@ -84,7 +84,6 @@ class CNMPArchitecture(Settings):
 
     def rules(self) -> Rules:
         """Return the rules of the values."""
-        kind = self.activation_fn
         return {
             "representation_dim": whole(self.representation_dim, least=1),
             "encoder_arch": layers(self.encoder_arch),
@@ -92,10 +91,6 @@ class CNMPArchitecture(Settings):
             "decoder_arch": layers(self.decoder_arch),
             "n_frequencies": whole(self.n_frequencies, least=0),
             "min_std": (self.min_std >= 0, ">= 0"),
-            "activation_fn": (
-                isinstance(kind, type) and issubclass(kind, nn.Module),
-                "a class of torch.nn, such as torch.nn.SiLU",
-            ),
             "n_members": whole(self.n_members, least=1),
             "n_modes": whole(self.n_modes, least=1),
             "beta_nll": (

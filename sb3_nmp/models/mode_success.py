@@ -86,12 +86,12 @@ class ModeSuccess(GrowingModule):
         :param successes: whether each did, shape (M,)
         """
         self.n_tried += len(modes)
+        kept = worth_keeping(
+            th.cat([self.tried_successes, successes.to(self.tried_successes)]), N_REMEMBERED
+        )
         for name, new in (("contexts", contexts), ("modes", modes), ("successes", successes)):
             known = getattr(self, f"tried_{name}")
-            setattr(self, f"tried_{name}", th.cat([known, new.to(known)]))
-        kept = worth_keeping(self.tried_successes, N_REMEMBERED)
-        for name in ("contexts", "modes", "successes"):
-            setattr(self, f"tried_{name}", getattr(self, f"tried_{name}")[kept])
+            setattr(self, f"tried_{name}", th.cat([known, new.to(known)])[kept])
 
     def learn(self, shown: th.Tensor, modes: th.Tensor) -> None:
         """Learn from what was tried, and from demonstrations, which succeed in their mode.
