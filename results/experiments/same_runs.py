@@ -35,7 +35,7 @@ SUITE_RUNS = {
 #: of the suites of ablations, only these
 LABELS = {
     "ablations": ("no PD controller", "standardised rewards", "last generation only"),
-    "push-ablations": ("thesis's decoder", "policy gradient, pairs", "RL only"),
+    "push-ablations": ("context through latents", "policy gradient, pairs", "RL only"),
 }
 
 
